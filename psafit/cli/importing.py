@@ -235,8 +235,9 @@ def _columns_text(table: Table) -> list[str]:
         if g.time_us is not None:
             read = f"{count(g.n_points, 'sample')} of the {g.observable.title}"
         drive = f"drive of {reach(g.drive.table)}" if g.drive.table else g.waveform
+        bias = f" on {g.drive.bias_v:.4g} V" if g.drive.bias_v else ""
         at_rest = f" from {g.drive.idle_v:.4g} V" if g.drive.idle_v else ""
-        lines.append(f"  group {g.id}: {drive}{at_rest}, {read}, {g.file}")
+        lines.append(f"  group {g.id}: {drive}{bias}{at_rest}, {read}, {g.file}")
     return lines
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from psafit.drives import NAMES, TABLE, Drive, Table, instead
 from psafit.errors import Faults, InputError
-from psafit.experiment.drive_table import read_drive
+from psafit.experiment.drive_table import SETTING_LIMITS, read_drive
 from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId
 from psafit.experiment.rig import MATERIALS, Rig
 from psafit.experiment.rig import beliefs as rig_beliefs
@@ -45,7 +45,6 @@ FACT_LIMITS = {
     "layer_thickness": (1e-9, 1.0),
 }
 # Hard limits of what is said of a drive.
-DRIVE_LIMITS = {"bias_v": (-1e5, 1e5), "idle_v": (-1e5, 1e5), "phase_deg": (-360.0, 360.0), "cycles": (1e-3, 1e9)}
 _DRIVE_REMEDY = {
     "bias_v": "give it in volts",
     "idle_v": "give it in volts",
@@ -489,7 +488,7 @@ class Definition:
             raise self.error(
                 f"{called}: {key} is not a number", f"write {key} = a number, without quotes or unit", "group", i, key
             )
-        low, high = DRIVE_LIMITS[key]
+        low, high = SETTING_LIMITS[key]
         if not low <= number <= high:
             what = f"{called}: {key} = {number:g} is not between {low:g} and {high:g}"
             raise self.error(what, _DRIVE_REMEDY[key], "group", i, key)

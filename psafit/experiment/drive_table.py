@@ -16,6 +16,8 @@ PERIOD, RECORDED = ("phase", "level"), ("time_us", "voltage_v")
 _HEADER = f"the first line must read {','.join(PERIOD)} (one period) or {','.join(RECORDED)} (a recording)"
 LIMITS = {"phase": (0.0, 1.0), "level": (-1e3, 1e3), "time_us": (0.0, 1e12), "voltage_v": (-1e6, 1e6)}
 """Hard limits of each column, far beyond any rig."""
+SETTING_LIMITS = {"bias_v": (-1e5, 1e5), "idle_v": (-1e5, 1e5), "phase_deg": (-360.0, 360.0), "cycles": (1e-3, 1e9)}
+"""The same of a group's keys."""
 
 
 def read_drive(file: Path, *, least_rows: int = 10, most_rows: int = 100_000, most_bytes: int = 2**24) -> Table:
@@ -59,7 +61,7 @@ def read_drive(file: Path, *, least_rows: int = 10, most_rows: int = 100_000, mo
 
 def level(number: float, name: str, cell: str) -> float:
     """A value within the limits of its column, or a `CellFault`; `cell` is what stands in the file."""
-    low, high = LIMITS[name]
+    low, high = {**LIMITS, **SETTING_LIMITS}[name]
     if low <= number <= high:
         return number + 0.0
     remedy = "begin at 0, the start of the drive" if number < 0.0 == low else "correct the value or its unit"

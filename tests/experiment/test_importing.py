@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+from dataclasses import replace
 from datetime import date
 from decimal import Decimal
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from commands import run
 from foreign import draw, held_by
 
+from psafit.drives import Drive
 from psafit.errors import InputError
 from psafit.experiment import read_experiment
 from psafit.experiment.importing import Mapping, Options, Table, read_files
@@ -141,8 +143,15 @@ ASKED: dict[str, tuple[Any, str, int | None]] = {
     "two of one": ("f set (Hz);f (Hz);f (Hz);Vpp;Range (um)\n1;1;1;4;7\n", "could all be frequency_hz --column", 1),
     "no repetitions": ("f (Hz);Vpp;Range 10 (um);Range 20 (um)\n1;2;3;4\n", "could all be launch_range_um", 1),
     "a displacement": ("f (Hz);Vpp;Displacement (µm)\n1;2;3\n", "'Displacement (µm)=launch_range_um'", 1),
-    "an offset": (HEAD.strip() + ";DC offset (V)\n1200;20;76;10\n", "bias_v, which is not zero another one", 1),
+    "an offset": (HEAD.strip() + ";DC offset (V)\n1200;20;76;10\n", "rests at before its start --set idle_v=10", 2),
+    "an offset peak to peak": (HEAD.strip() + ";DC offset (Vpp)\n1200;20;76;10\n", "is bias_v, peak to peak", 1),
     "a trace": ("Time (s),CH1 (V)\n0,1\n1e-6,2\n", "no frequency_hz  'CH1 (V)=velocity_mm_s:5mm/s/V'", 1),
+    "a trace below its preamble": (
+        "Vertical Units,V,V\nVertical Offset,0,0\nTIME,CH1,CH2\n0,1,2\n1e-6,2,3\n", "'TIME' looks like a trace", 3,
+    ),
+    "two channels of one name": (
+        "x-axis,1,2\nsecond,Volt,Volt\n0,1,2\n1e-6,2,3\n", "no frequency_hz --column 3=velocity_mm_s:5mm/s/V", 2,
+    ),
     "a mean": (HEAD + "1200;20;76\n1300;20;75\nMean;20;75.5\n", "'Mean' sums up readings put # before it", 4),
     "a second table": (HEAD + "1200;20;76\n" + HEAD + "1300;20;75\n", "another table a file of its own", 3),
     "words between readings": (HEAD + "1200;20;76\nSquare\n1300;20;75\n", "'Square' stands between readings", 3),
@@ -227,6 +236,28 @@ def test_what_is_unclear_is_asked_for(content: Any, said: str, line: int | None,
 )
 def test_what_is_said_settles_it(content: Any, options: dict[str, Any], rows: Rows, tmp_path: Path) -> None:
     assert imported(tmp_path, content, Options(waveforms=("sine",), **options)) == rows
+
+
+def test_a_bias_and_what_the_drive_rests_at_are_its_own(tmp_path: Path) -> None:
+    """In columns, where each bias is a group, or held."""
+    text = HEAD.strip() + ";Offset (mV);Idle (V)\n1200;20;76;10000;5\n1300;20;75.5;10000;5\n1200;20;76;0;0\n"
+    (table,) = read_files([write(tmp_path / "a.csv", text)], SINE)
+    assert [g.drive for g in table.groups] == [Drive("sine", bias_v=10.0, idle_v=5.0), Drive("sine")]
+    assert rows_of([table])[:2] == TWO
+    held = replace(SINE, values=(("bias_v", 10.0), ("idle_v", 10.0)))
+    (table,) = read_files([write(tmp_path / "b.csv", HEAD + "1200;20;76\n")], held)
+    assert [g.drive for g in table.groups] == [Drive("sine", bias_v=10.0, idle_v=10.0)]
+    with pytest.raises(InputError, match=r"bias_v is given, and column 'Offset \(mV\)' holds it"):
+        read_files([tmp_path / "a.csv"], held)
+
+
+def test_a_bias_is_in_a_recorded_drive(tmp_path: Path) -> None:
+    scope = write(tmp_path / "scope.csv", "Time (us),CH1 (V)\n" + "".join(f"{10 * i},{i}\n" for i in range(12)))
+    said = Options(drive_file=scope)
+    with pytest.raises(InputError, match="holds bias_v, and the drive is a recording"):
+        read_files([write(tmp_path / "a.csv", HEAD.strip() + ";Offset (V)\n1200;20;76;3\n")], said)
+    (table,) = read_files([write(tmp_path / "b.csv", HEAD.strip() + ";Offset (V)\n1200;20;76;0\n")], said)
+    assert table.groups[0].drive.recorded and table.unused == ("Offset (V)",)
 
 
 def test_a_column_may_give_waveform_and_group(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from psafit.drives import NAMES, TABLE
 from psafit.errors import Faults, InputError
 from psafit.experiment.drive_table import RECORDED
-from psafit.experiment.importing.chosen import HELD, IDLE, VOLTAGE, WAVEFORM, Chosen, option
+from psafit.experiment.importing.chosen import HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
 from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, grids
@@ -34,7 +34,7 @@ from psafit.experiment.table import CellFault, readings_of
 from psafit.experiment.text import did_you_mean, listed, shown
 from psafit.files import read_bytes
 
-SETTABLE = (*HELD, IDLE)
+SETTABLE = (*HELD, *SETTINGS)
 """What may be given for a whole table."""
 COLUMN_NAMES = (*COLUMNS, WAVEFORM, GROUPS, IGNORED)
 """What `--column` may call a column."""
@@ -318,8 +318,7 @@ def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options)
 
 def _columns(chosen: Chosen, options: Options, zeros: dict[str, float]) -> list[Understood]:
     """How psafit's columns came from those of the file, in psafit's order."""
-    driven = chosen.of(VOLTAGE) or options.drive
-    held = [*chosen.held(options), *([IDLE] if IDLE in options.held and driven else [])]
+    held = [*chosen.held(options), *chosen.settings(options)]
     columns = [Understood(name, (), COLUMNS[name].unit, 1.0) for name in held]
     named = (
         (n, tuple(c.option for c in chosen.columns if any(a.column == n for a in c.at))) for n in CONDITION_COLUMNS

@@ -24,8 +24,10 @@ ERROR_OF = {o.sigma_column: o.column for o in OF_LAUNCHES}
 HELD = (*CONDITION_COLUMNS, *ERROR_OF)
 """What may be held, in the place of a column."""
 IDLE = "idle_v"
+SETTINGS = ("bias_v", IDLE)
+"""Voltages of a group's drive: what it rests at; and what is added to its command, first."""
 VOLTAGE = RECORDED[1]
-"""What a recorded drive rested at, and its column."""
+"""The column of a recorded drive."""
 EXAMPLES = {"frequency_hz": ("kHz", "1.2"), "amplitude_v": ("Vpp", "40")}
 """Unit and number of a condition, as an example."""
 READ = ("reading", "trace")
@@ -89,6 +91,15 @@ class Chosen:
         here = {c.column for c in self.columns}
         takes = (*CONDITION_COLUMNS, *(e for e, reading in ERROR_OF.items() if reading in here))
         return {name: value for name, value in options.held.items() if name in takes and name not in here}
+
+    def recorded(self, options: Options) -> bool:
+        """Whether the drive was recorded, in a column or in a file of its own."""
+        return bool(self.of(VOLTAGE)) or (options.drive is not None and options.drive.recorded)
+
+    def settings(self, options: Options) -> dict[str, float]:
+        """Voltages of the drive that were held; a recorded one has its bias in it."""
+        takes = (IDLE,) if self.recorded(options) else SETTINGS
+        return {name: options.held[name] for name in takes if name in options.held and not self.of(name)}
 
     def of(self, column: str) -> list[Column]:
         """The columns of the file that hold a column of psafit's."""

@@ -59,20 +59,25 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     given = (VOLTAGE,) if options.drive_file else ()  # in a file of its own
     used = [c for c in found if c.column not in ("", IGNORED, *given) and (c.mapped or c.column not in said)]
     roles = ("condition", "time", "trace", "recording") if traced else ("condition", "reading", "error")
+    roles = (*roles, "drive")
     usable = {q.column for q in QUANTITIES if q.usable} | {WAVEFORM, GROUPS}
     kept = [c for c in used if c.column in usable and role(c.column) in (*roles, "")]
     not_yet = [c for c in used if c.column not in usable]
     for c in (c for c in used if c.mapped and c not in kept and c not in not_yet):
         what = f"column {c.name} is said to be {c.column}, and the table is one of {_TABLES[traced]}"
         faults.add(fault(grid, head, what, f"leave that out, or say {option(c.option, IGNORED)}"))
-    _check_drive(grid, head, not_yet, faults)
-    for column in dict.fromkeys(c.column for c in kept):
-        _check_several(grid, head, [c for c in kept if c.column == column], faults)
     unused = [c for c in found if c not in kept and c not in not_yet]
     chosen = Chosen(tuple(kept), tuple(unused), tuple(not_yet), traced)
+    if chosen.recorded(options):
+        chosen = _without_settings(grid, head, chosen, faults)
+    if not traced:
+        _check_motion(grid, head, chosen, faults)
+        faults.end()
+    for column in dict.fromkeys(c.column for c in chosen.columns):
+        _check_several(grid, head, chosen.of(column), faults)
     (check_trace if traced else _check_missing)(grid, head, chosen, options, faults)
     faults.end()
-    counted = [_with_unit(grid, head, c, options, faults) for c in kept]
+    counted = [_with_unit(grid, head, c, options, faults) for c in chosen.columns]
     faults.end()
     return replace(chosen, columns=tuple(counted))
 
@@ -169,14 +174,17 @@ def _check_unnamed(grid: Grid, head: Head, found: Iterable[Column], faults: Faul
         faults.add(fault(grid, head, what, f"give it one, or say {option(number, IGNORED)}"))
 
 
-def _check_drive(grid: Grid, head: Head, columns: Iterable[Column], faults: Faults) -> None:
-    """What changes the drive cannot be left out, unless it is zero."""
+def _without_settings(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Chosen:
+    """A table whose drive was recorded: columns of a bias and the like are not used, and must be zero."""
+    columns = [c for c in chosen.columns if role(c.column) == "drive"]
     for column in columns:
         numbers = [likeliest([cell]).number(cell) for cell in cells(grid, head, column.place)]
-        if role(column.column) == "drive" and any(n is not None and n.value != 0 for n in numbers):
-            what = f"column {column.name} holds {column.column}, which is not zero and which psafit cannot use yet"
-            remedy = f"a drive without it is another one; {option(column.option, IGNORED)} leaves it out all the same"
+        if any(n is not None and n.value != 0 for n in numbers):
+            what = f"column {column.name} holds {column.column}, and the drive is a recording, taken as it is"
+            remedy = f"say {option(column.option, IGNORED)} if the recording has it in it"
             faults.add(fault(grid, head, what, remedy))
+    kept = tuple(c for c in chosen.columns if c not in columns)
+    return replace(chosen, columns=kept, unused=(*chosen.unused, *columns))
 
 
 def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Faults) -> None:
@@ -200,17 +208,25 @@ def _repeated(columns: Sequence[Column]) -> bool:
     return same_name and (same or numbers in ([k + first for k in range(len(columns))] for first in (0, 1)))
 
 
+def _check_motion(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
+    """What has a time, and no frequency and no reading, is a trace of which no column is known to be the motion."""
+    times = [c for c in chosen.unused if c.column == TIME]
+    if times and not chosen.readings and not chosen.of("frequency_hz"):
+        what = f"no frequency_hz among {all_headings(head)}: column {times[0].name} looks like a trace over time, but"
+        what = f"{what} none is a motion"
+        texts = [h.text for h in head.headings]
+        volts = [
+            c.option if texts.count(c.option) == 1 else str(c.place + 1)
+            for c in (*chosen.unused, *chosen.of("amplitude_v"))
+            if in_volts(c, head)
+        ]
+        scale = option(volts[-1] if volts else "NAME", "velocity_mm_s", "5mm/s/V")
+        faults.add(fault(grid, head, what, f"say what one volt is, such as {scale} or 2um/V, of displacement_um"))
+
+
 def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
     held, known = options.held, all_headings(head)
     times = [c for c in chosen.unused if c.column == TIME]
-    if times and not chosen.readings and not chosen.of("frequency_hz"):
-        what = (
-            f"no frequency_hz among {known}: column {times[0].name} looks like a trace over time, but none is a motion"
-        )
-        volts = [c.option for c in (*chosen.unused, *chosen.of("amplitude_v")) if in_volts(c, head)]
-        scale = option(volts[0] if volts else "NAME", "velocity_mm_s", "5mm/s/V")
-        faults.add(fault(grid, head, what, f"say what one volt is, such as {scale} or 2um/V, of displacement_um"))
-        return
     for column in CONDITION_COLUMNS:
         if not chosen.of(column) and column not in held:
             near = nearest(chosen.unused, head, column)
@@ -257,9 +273,10 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
         faults.add(fault(grid, head, what, remedy))
     volts = None
     counted = (unit and unit.volts) or (None if column.mapped else column.heading.volts)
-    if column.column == VOLTAGE and unit and counted:
-        what = f"column {column.name} is the drive over time, and its volts are said to be {VOLTS[counted]}"
-        faults.add(fault(grid, head, what, f"say {option(column.option, VOLTAGE, unit.text)}"))
+    if role(column.column) in ("recording", "drive") and unit and counted:
+        of = "the drive over time" if column.column == VOLTAGE else column.column
+        what = f"column {column.name} is {of}, and its volts are said to be {VOLTS[counted]}"
+        faults.add(fault(grid, head, what, f"say {option(column.option, column.column, unit.text)}"))
     if column.column == "amplitude_v":
         volts = _volts(grid, head, column, unit, options, own=own, faults=faults)
     return replace(column, unit=unit, volts=volts)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from decimal import Decimal
 
 from psafit.errors import InputError
-from psafit.experiment.definition import DRIVE_LIMITS
 from psafit.experiment.definition import LIMITS as CONSTANT_LIMITS
+from psafit.experiment.drive_table import SETTING_LIMITS
 from psafit.experiment.importing.chosen import HELD
 from psafit.experiment.importing.numerals import NOTATIONS
 from psafit.experiment.importing.quantities import COLUMNS, Volts
@@ -46,7 +46,7 @@ def value(name: str, text: str, place: str) -> float:
             return within(result, name, text)
         except CellFault as fault:
             raise InputError(f"{place}: {fault.what}", fault.remedy) from fault
-    low, high = {**CONSTANT_LIMITS, **DRIVE_LIMITS}[name]
+    low, high = {**CONSTANT_LIMITS, **SETTING_LIMITS}[name]
     if not low <= result <= high:
         raise InputError(f"{place} is beyond the limits {low:g} to {high:g} {target}", f"give it in {target}")
     return result

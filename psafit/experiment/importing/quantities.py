@@ -42,7 +42,7 @@ class Quantity:
     @property
     def usable(self) -> bool:
         """Whether psafit can use it."""
-        return any(self.column in held.LIMITS for held in (table, trace_table, drive_table))
+        return self.role == "drive" or any(self.column in of.LIMITS for of in (table, trace_table, drive_table))
 
 
 _RANGES = (

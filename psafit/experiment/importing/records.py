@@ -42,8 +42,8 @@ class Options:
     ----------
     columns : tuple of Mapping
     values : tuple of (str, float or tuple of float)
-        Conditions that were held: psafit's column, and its value in the unit of that; or one for each table. Another is
-        `idle_v`, what a recorded drive rested at.
+        Conditions that were held: psafit's column, and its value in the unit of that; or one for each table. Others are
+        `bias_v` and `idle_v` of the drive.
     counted : tuple of {"peak", "pp", "rms"}
         How the volts of an amplitude that was held are counted; one, or one for each table. Empty for zero to peak.
     waveforms : tuple of str
@@ -104,11 +104,10 @@ class Options:
         """Conditions that were held, of options of one table."""
         return {name: value for name, value in self.values if not isinstance(value, tuple)}
 
-    def drive_of(self, waveform: str) -> Drive:
-        """The drive of a waveform; a recorded one rests at what is given, if it is."""
-        if self.drive is None or waveform != TABLE:
-            return Drive(waveform)
-        return replace(self.drive, idle_v=self.held.get("idle_v", self.drive.idle_v))
+    def drive_of(self, waveform: str, settings: dict[str, float]) -> Drive:
+        """The drive of a waveform; `settings` are its voltages that are known, `bias_v` and `idle_v`."""
+        drive = Drive(waveform) if self.drive is None or waveform != TABLE else self.drive
+        return replace(drive, bias_v=settings.get("bias_v", drive.bias_v), idle_v=settings.get("idle_v", drive.idle_v))
 
     def of_table(self, number: int, n_tables: int) -> Options:
         """The options of one of several tables, counted from 0.

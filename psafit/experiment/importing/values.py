@@ -11,7 +11,17 @@ from itertools import zip_longest
 from psafit.drives import TABLE, WAVEFORMS, Drive, instead
 from psafit.errors import InputError
 from psafit.experiment.drive_table import level
-from psafit.experiment.importing.chosen import ERROR_OF, SIGNALS, VOLTAGE, WAVEFORM, Chosen, Column, option
+from psafit.experiment.importing.chosen import (
+    ERROR_OF,
+    IDLE,
+    SETTINGS,
+    SIGNALS,
+    VOLTAGE,
+    WAVEFORM,
+    Chosen,
+    Column,
+    option,
+)
 from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
 from psafit.experiment.importing.layout import Body, Head
 from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, ambiguous, likeliest
@@ -65,12 +75,14 @@ def readings(
     if grid.separator == ",":
         _check_decimals(grid, body, chosen)
     faults = RowFaults(grid.file)
-    held, read_columns = chosen.held(options), chosen.readings
+    held, settings, read_columns = chosen.held(options), chosen.settings(options), chosen.readings
     found = []
     for row in body.rows:
         before = faults.count
-        drive = options.drive_of(_waveform(row, chosen, waveform, options, faults))
+        drive = options.drive_of(_waveform(row, chosen, waveform, options, faults), settings)
         values = {c: _value(row, c, notation, drive, faults) for c in quantities}
+        own = {c.column: v for c in quantities if c.column in SETTINGS and (v := values.pop(c)) is not None}
+        drive = _at_rest(grid, row, drive, settings | own, options)
         label = " ".join(text_of(_cell(row, c)) for c in chosen.of(GROUPS))
         repetitions = _repetitions(values, chosen)
         if faults.count == before and not repetitions:
@@ -92,6 +104,22 @@ def readings(
                     faults.below.setdefault(c.column, []).append((row.line, text_of(_cell(row, c)), known))
     faults.end(len(body.rows))
     return found, notation.decimal
+
+
+def _at_rest(grid: Grid, row: Row, drive: Drive, settings: dict[str, float], options: Options) -> Drive:
+    """The drive of a row with its own voltages.
+
+    Raises
+    ------
+    InputError
+        Where it has a bias, and nothing says whether that is there before the start, too.
+    """
+    drive = options.drive_of(drive.waveform, settings)
+    if drive.bias_v and IDLE not in settings:
+        what = f"a bias of {drive.bias_v:g} V, and nothing says what the drive rests at before its start"
+        remedy = f"say --set {IDLE}=0, or --set {IDLE}={drive.bias_v:g} if it rests at the bias"
+        raise InputError(what, remedy, file=grid.file, line=row.line)
+    return drive
 
 
 def _held(held: dict[str, float], drive: Drive, options: Options) -> dict[str, float]:
@@ -210,7 +238,8 @@ def _value(row: Row, column: Column, notation: Notation, drive: Drive, faults: R
         value = float(number.value * _factor(number, column, drive, text))
         if column.column == TIME:  # on the clock of the instrument
             return value
-        check = level if column.column == VOLTAGE else possible if column.column in TRACES else within
+        volts = (VOLTAGE, *SETTINGS)
+        check = level if column.column in volts else possible if column.column in TRACES else within
         return check(value, column.column, text)
     except CellFault as fault:
         faults.add(column.column, fault.what, fault.remedy, row.line)
