@@ -17,7 +17,7 @@ from psafit.experiment.records import DEFINITION, Constants, Group
 from psafit.experiment.rig import MATERIALS, Rig
 from psafit.experiment.table import read_csv, readings_of
 from psafit.experiment.text import one_line
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, Observable
 
 _EXAMPLE = "EXAMPLE, replace:"
 # Wide enough for any rig of this kind, narrow enough to catch a factor of a thousand in the unit.
@@ -189,13 +189,13 @@ def _unreached(drive: Drive, volts: FloatArray, v_max: float, reach: float = 0.8
     v_max : float
         The amplitude, V.
     reach : float
-        A recording spans the amplitude, or twice that if it has either sign, to within this factor.
+        A recording goes as far from rest as the amplitude, and spans no more than twice that, to within this factor.
     """
     if v_max == 0:
         return []
     low, high = min(float(volts.min()), drive.idle_v), max(float(volts.max()), drive.idle_v)
     said = f"the recorded drive goes from {low:.4g} to {high:.4g} V"
-    if high - low < reach * v_max:
+    if max(high - drive.idle_v, drive.idle_v - low) < reach * v_max:
         return [
             f"{said} and never reaches amplitude_v = {v_max:g}; is the factor of a divider or an amplifier missing?"
         ]
@@ -362,8 +362,10 @@ def _rows(group: Group) -> FloatArray:
     return np.column_stack([group.conditions, group.reading])
 
 
-def disagreeing_groups(groups: Sequence[Group], least: float = 1.4, scatter_um: float = 1.0) -> list[str]:
-    """One line for each two groups whose ranges differ by a factor where they share conditions.
+def disagreeing_groups(groups: Sequence[Group], least: float = 1.4) -> list[str]:
+    """One line for each two groups whose readings differ by a factor where they share conditions.
+
+    Readings are ranges or speeds: what is zero where a launch fails grows with the voltage.
 
     Parameters
     ----------
@@ -371,34 +373,30 @@ def disagreeing_groups(groups: Sequence[Group], least: float = 1.4, scatter_um: 
     least : float
         The least factor that is reported, the median over the shared conditions. Sessions of one rig differ by less:
         those of the study by up to 1.33.
-    scatter_um : float
-        Ranges up to this are left out: their ratio is scatter.
     """
     found = []
     for first, second in itertools.combinations(groups, 2):
         if (first.drive, first.changed) != (second.drive, second.changed):
             continue
-        mine, others = _mean_ranges(first, scatter_um), _mean_ranges(second, scatter_um)
-        ratios = [others[condition] / mine[condition] for condition in mine if condition in others]
-        if not ratios:
-            continue
-        ratio = float(np.median(ratios))
-        factor = max(ratio, 1 / ratio)
-        if factor >= least:
+        for o in (o for o in OF_LAUNCHES if not o.blank):
+            mine, others = _means(first, o), _means(second, o)
+            ratios = [others[condition] / mine[condition] for condition in mine if condition in others]
+            ratio = float(np.median(ratios)) if ratios else 1.0
+            factor = max(ratio, 1 / ratio)
+            if factor < least:
+                continue
             counted = "peak to peak" if factor > 2**0.75 else "RMS"  # nearer to 2 than to its root
             places = "one shared condition" if len(ratios) == 1 else f"{len(ratios)} shared conditions"
-            text = f"ranges are {ratio:.3g} times those of group {first.id} at {places}"
+            text = f"{o.plural} are {ratio:.3g} times those of group {first.id} at {places}"
             found.append(one_line(f"{second.file}: group {second.id}: {text}; are volts of one of them {counted}?"))
     return found
 
 
-def _mean_ranges(group: Group, scatter_um: float) -> dict[tuple[float, float], float]:
-    """Mean of the ranges at each frequency and amplitude, those within the scatter left out."""
-    ranges: dict[tuple[float, float], list[float]] = {}
-    launched = group.at(group.measured == OBSERVABLES.index(LAUNCH_RANGE)) if group.launch_range_um.size else None
-    if launched is None:
-        return {}
-    for f, v, um in zip(launched.frequency_hz, launched.amplitude_v, launched.reading, strict=True):
-        ranges.setdefault((float(f), float(v)), []).append(float(um))
-    means = {condition: float(np.mean(read)) for condition, read in ranges.items()}
-    return {condition: mean for condition, mean in means.items() if mean > scatter_um}
+def _means(group: Group, o: Observable) -> dict[tuple[float, float], float]:
+    """Mean of an observable's readings at each frequency and amplitude, those within the scatter left out."""
+    read: dict[tuple[float, float], list[float]] = {}
+    for k in np.flatnonzero(group.measured == OBSERVABLES.index(o)):
+        condition = float(group.frequency_hz[k]), float(group.amplitude_v[k])
+        read.setdefault(condition, []).append(float(group.reading[k]))
+    means = {condition: float(np.mean(values)) for condition, values in read.items()}
+    return {condition: mean for condition, mean in means.items() if mean > o.still}

@@ -339,10 +339,14 @@ def test_volts_of_launches_are_no_recording(tmp_path: Path) -> None:
     assert "'CH1 (V)' is said to be voltage_v, and the table is one of launches" in line
 
 
-@pytest.mark.parametrize(("volts", "said"), [(20.0, "never reaches"), (8.0, ""), (2.0, "beyond amplitude_v")])
-def test_a_recording_is_held_against_the_amplitude(volts: float, said: str, tmp_path: Path) -> None:
-    """The recording goes from 0 to 8.06 V."""
-    (group,) = read(tmp_path, DRIVE_TOO, **(NOTHING_SAID | {"values": (HELD[0], ("amplitude_v", volts))}))
+@pytest.mark.parametrize(
+    ("volts", "idle", "said"),
+    [(20.0, 0, "never reaches"), (8.0, 0, ""), (2.0, 0, "beyond amplitude_v"), (8.0, 4, "never reaches"), (4.0, 4, "")],
+)
+def test_a_recording_is_held_against_the_amplitude(volts: float, idle: float, said: str, tmp_path: Path) -> None:
+    """The recording goes from 0 to 8.06 V, from rest at either end or in between."""
+    values = (HELD[0], ("amplitude_v", volts), ("idle_v", float(idle)))
+    (group,) = read(tmp_path, DRIVE_TOO, **(NOTHING_SAID | {"values": values}))
     lines = [line for line in suspicious_readings(group, None) if "recorded drive" in line]
     assert [said in line for line in lines] == ([True] if said else [])
 
