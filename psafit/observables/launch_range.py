@@ -35,5 +35,5 @@ LAUNCH_RANGE = Observable(
     limits=(0.0, 1e9),
     still=1.0,
     usual=(0.1, 1e5),
-    mistaken=("mm or m", "nm"),
+    mistaken=("mm or m, or as speeds in mm/s", "nm"),
 )
