@@ -456,6 +456,8 @@ def test_what_is_no_unit(text: str) -> None:
         ("Frequency (kHz)", "frequency_hz", None, None),
         ("f/kHz", "frequency_hz", None, None),
         ("FREQUENCY_MHz", "frequency_hz", None, None),
+        ("Launch velocity (mm·s⁻¹)", "launch_speed_mm_s", None, None),
+        ("Launch velocity / m s^-1", "launch_speed_mm_s", None, None),
         ("U_pp / V", "amplitude_v", "pp", None),
         ("Peak-to-peak voltage [mV]", "amplitude_v", "pp", None),
         ("Drive voltage (Vrms)", "amplitude_v", "rms", None),

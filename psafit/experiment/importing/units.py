@@ -13,6 +13,7 @@ from psafit.experiment.importing.quantities import BASES, COUNTED, UNITS, Volts,
 
 # What a unit looks like. Anything else is not shown to pint, which would compute it.
 _UNIT = re.compile(r"[A-Za-zµμ]+(?:\^-?[1-3]|[²³])?(?:[/*·][A-Za-zµμ]+(?:\^-?[1-3]|[²³])?){0,2}")
+_RAISED = str.maketrans("⁻¹²³", "-123")
 _SCALED = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,2})?)[\s*]*(\D.*)", re.ASCII)
 _VOLTS = re.compile(r"([a-zµμ]?V(?:olts?)?)[\s_.-]*(\S.*)", re.IGNORECASE)
 
@@ -69,7 +70,8 @@ def counted(text: str) -> Volts | None:
 
 def unit(text: str) -> Unit | None:
     """The unit that a text is, such as ``kHz``, ``[mV]`` or ``Vpp``, if it is one of a quantity that psafit knows."""
-    text = text.strip()
+    text = re.sub(r"[⁻¹²³]+", lambda power: f"^{power[0].translate(_RAISED)}", text.strip())
+    text = re.sub(r"(?<=[A-Za-zµμ]) (?=[A-Za-z]+\^-)", "·", text)  # a product of what has a negative power
     if not text.isprintable():
         return None
     if text[:1] in ("(", "[", "<", "{") and text[-1:] in (")", "]", ">", "}"):
