@@ -19,13 +19,16 @@ from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
 from psafit.drives import Drive
 from psafit.errors import InputError
 from psafit.experiment import Group, GroupId
+from psafit.experiment.records import CONDITION_COLUMNS
+from psafit.experiment.trace_table import TIME
 from psafit.files import encodable, read_error
 from psafit.inference.identify import supported
 from psafit.inference.run_folder import load
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
 from psafit.records import read_json
-from psafit.validate import COLUMNS, log_ratio, predict, root_mean_square, why_uninformative
+from psafit.validate import columns_of, log_ratio, predict, root_mean_square, table_name, why_uninformative
 
-_MEASURED, _ROLES = ("frequency_hz", "amplitude_v", "launch_range_um"), ("fit", "holdout")
+_MEASURED, _ROLES = (*CONDITION_COLUMNS, "measured", "reading"), ("fit", "holdout")
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,20 +225,38 @@ def known(value: object) -> float:
 
 
 def read_predictions(path: Path, model: str | None = None) -> list[Predicted]:
-    """Read a `predictions.csv` back, a group after the other, or one model's rows where it has a column `model`.
+    """Read predictions back, a group after the other, or one model's rows where they have a column `model`.
+
+    Parameters
+    ----------
+    path : Path
+        Of the launch ranges; those of other observables stand next to it.
+    model : str, optional
 
     Raises
     ------
     InputError
-        If it is missing or damaged.
+        If all are missing, or one is damaged.
     """
+    files = {o: path.with_name(table_name(path.stem, o)) for o in OBSERVABLES}
+    there = [o for o, file in files.items() if file.is_file()] or [LAUNCH_RANGE]
+    return [one for o in there for one in _read_table(files[o], o, model)]
+
+
+def _read_table(path: Path, observable: Observable, model: str | None) -> list[Predicted]:
+    """The predictions of one observable."""
     import pandas as pd
 
+    columns = columns_of(observable)
+    unit = observable.column.removeprefix(observable.name)
+    read = (*CONDITION_COLUMNS, *([TIME] if observable.traced else []), observable.column)
+    found = [f"{name}{unit}" for name in ("predicted", "lower", "upper")]
     try:
         table = pd.read_csv(path, converters={"group": str})  # NA is a name, too
-        table = (table if model is None else table[table["model"] == model])[list(COLUMNS)].assign(log_density=np.nan)
-        numbers = table[[*_MEASURED, "predicted_um", "lower_um", "upper_um"]].to_numpy(float)
-        if not (np.isfinite(numbers).all() and (numbers >= 0).all() and table["role"].isin(_ROLES).all()):
+        table = (table if model is None else table[table["model"] == model])[list(columns)].assign(log_density=np.nan)
+        numbers = table[[*read, *found]].to_numpy(float)
+        signed = observable.traced or (numbers >= 0).all()
+        if not (np.isfinite(numbers).all() and signed and table["role"].isin(_ROLES).all()):
             raise ValueError("impossible values")
         return [
             Predicted(
@@ -243,10 +264,14 @@ def read_predictions(path: Path, model: str | None = None) -> list[Predicted]:
                     str(id),
                     Drive(rows["waveform"].iloc[0]),
                     path.name,
-                    *(rows[name].to_numpy(float) for name in _MEASURED),
+                    rows["frequency_hz"].to_numpy(float),
+                    rows["amplitude_v"].to_numpy(float),
+                    reading=rows[observable.column].to_numpy(float),
+                    measured=np.full(len(rows), OBSERVABLES.index(observable), np.int8),
+                    time_us=rows[TIME].to_numpy(float) if observable.traced else None,
                 ),
                 str(rows["role"].iloc[0]),
-                *(rows[name].to_numpy(float) for name in ("predicted_um", "lower_um", "upper_um", "log_density")),
+                *(rows[name].to_numpy(float) for name in (*found, "log_density")),
             )
             for id, rows in table.groupby("group", sort=False)
         ]
@@ -315,6 +340,7 @@ def _same(one: Predicted, other: Predicted | None) -> bool:
         other is not None
         and one.group.waveform == other.group.waveform
         and all(np.array_equal(getattr(one.group, name), getattr(other.group, name)) for name in _MEASURED)
+        and np.array_equal(one.group.time_us, other.group.time_us)  # type: ignore[arg-type]  # None of launches
     )
 
 

@@ -110,7 +110,7 @@ def log_ratio(
     The offset is that of the observable: 0.3 um for launch ranges. Samples of a trace are `signed`: the difference of
     ``arsinh(x / 2 offset)``, which is that of ``ln(x / offset)`` where they are large, stands for it.
     """
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore"):  # of what is signed
         plain = np.log((predicted + offset) / (measured + offset))
     if not np.any(signed):
         return plain

@@ -17,9 +17,12 @@ from sides import made
 import psafit
 from psafit.api import Diagnosed
 from psafit.compare import compare, read_predictions, read_side
+from psafit.drives import Drive
 from psafit.errors import InputError
-from psafit.experiment import Experiment, write_experiment
+from psafit.experiment import Experiment, Group, write_experiment
+from psafit.observables import LAUNCH_SPEED, OBSERVABLES, VELOCITY
 from psafit.report.comparison import write_comparison
+from psafit.validate import columns_of, prediction_rows, table_name, write_table
 
 
 def test_the_better_one_is_named_and_overlap_is_measured() -> None:
@@ -159,6 +162,26 @@ def test_an_edited_diagnosis_is_one_line(  # type: ignore[no-untyped-def]
         error = capsys.readouterr().err
         assert "diagnosis.json: was changed after psafit wrote it; run psafit diagnose again" in error
         assert error.count("\n") == 1 and not (folder / "diagnosis.html").exists()
+
+
+def test_other_observables_are_read_back_and_compared(tmp_path: Path) -> None:
+    """Of launches and along a trace, below zero, too; other speeds are other readings."""
+    f, v, read = np.full(3, 900.0), np.full(3, 20.0), np.array([0.3, 0.4, 0.2])
+    kinds = [np.full(3, OBSERVABLES.index(o), np.int8) for o in (LAUNCH_SPEED, VELOCITY)]
+    speeds = Group("1", Drive("sine"), "1.csv", f, v, reading=read, measured=kinds[0])
+    trace = Group("2", Drive("sine"), "2.csv", f, v, reading=-read, measured=kinds[1], time_us=np.arange(3.0))
+    for g in (speeds, trace):
+        rows = prediction_rows(g, g.reading * 2, g.reading - 1 * (g is trace), g.reading * 3, "fit")
+        write_table(tmp_path / table_name("predictions", g.observable), columns_of(g.observable), rows)
+    found = read_predictions(tmp_path / "predictions.csv")
+    assert [p.group.label for p in found] == ["1 (launch speed)", "2 (velocity)"]
+    for p, g in zip(found, (speeds, trace), strict=True):
+        np.testing.assert_array_equal(p.group.reading, g.reading)
+        np.testing.assert_array_equal(p.median, 2 * g.reading)
+    assert found[1].group.time_us is not None
+    one = replace(made("a", 2.0), predicted=found)
+    changed = [replace(p, group=replace(p.group, reading=p.group.reading + 1 * (p is found[0]))) for p in found]
+    assert compare(one, replace(one, name="b", predicted=changed)).apart == ["1"]
 
 
 def test_damaged_predictions_are_one_line(tmp_path: Path) -> None:

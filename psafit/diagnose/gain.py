@@ -37,6 +37,7 @@ from psafit.inference import noise
 from psafit.inference.evidence import quantiles
 from psafit.model_search import Ids, ModelSet
 from psafit.model_search.model_set import key_of
+from psafit.observables import LAUNCH_RANGE
 from psafit.records import ABSENT
 from psafit.validate import (
     columns_of,
@@ -357,7 +358,7 @@ def summarise(protocol: str, splits: Sequence[Split], folder: Path, seed: int) -
                 heard.append((before, after))
                 redrawn.append(change)
     name = f"predictions-{protocol}.csv"
-    for observable in dict.fromkeys(f.group.observable for one in splits for f in one.after):
+    for observable in dict.fromkeys([LAUNCH_RANGE, *(f.group.observable for one in splits for f in one.after)]):
         table = (
             [*row, model]
             for one in splits

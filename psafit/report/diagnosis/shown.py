@@ -15,11 +15,12 @@ from psafit.compare import Predicted, read_predictions
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.show import Line
 from psafit.experiment import Experiment, Group
+from psafit.observables import OBSERVABLES
 from psafit.report import figures
 from psafit.report.catalogue import TITLES
 from psafit.report.page import figure_data_uri
 from psafit.report.wording import factor
-from psafit.validate import log_ratio, root_mean_square
+from psafit.validate import log_ratio, root_mean_square, table_name
 
 _LOOKS: Final = {"baseline": ("baseline", "grey"), "extended": ("extended model", "vermillion")}
 
@@ -76,7 +77,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     found = []
     for whole, group in ((g, part) for g in members for part in g.parts):
         part = starts[members.index(whole)] + np.flatnonzero(whole.measured == group.measured[0])
-        name = group.label  # the tables of the folder hold launch ranges
+        name = group.label
         looks = {model: _LOOKS.get(model, (model, "purple")) for model, values in models.items() if values.size == n}
         last = "extended" if "extended" in looks and result.verdict != "adequate" else "baseline"
         curves = {
@@ -101,8 +102,10 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
 
 
 def _predicted(path: Path, model: str | None = None) -> dict[str, Predicted]:
-    """What a table in the folder of the record says of each group; nothing where there is none."""
-    return {str(t.group.id): t for t in read_predictions(path, model)} if path.is_file() else {}
+    """What tables in the folder of the record say of each group; nothing where there are none."""
+    files = (path.with_name(table_name(path.stem, o)) for o in OBSERVABLES)
+    found = read_predictions(path, model) if any(file.is_file() for file in files) else []
+    return {t.group.label: t for t in found}
 
 
 def _band(given: Predicted | None, n: int) -> tuple[figures.Band, ...]:
