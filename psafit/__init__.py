@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from psafit.api import Diagnosed, Fitted, Rig
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 # A simulation's threads share batches of a millisecond. Those that wait for the next spin meanwhile, by default for
 # longer than that, and keep a busy machine from everybody's work, ours first. Read when numba's threads are made.
