@@ -67,9 +67,8 @@ class Case:
 
     @cached_property
     def design(self) -> Design:
-        d = self.problem.design
-        k = slice(None) if self.points is None else list(self.points)
-        return Design(d.constants, d.waveform[k], d.frequency[k], d.amplitude[k], d.group[k])
+        every = self.problem.design
+        return every if self.points is None else every.points(np.array(self.points))
 
     @cached_property
     def theta(self) -> np.ndarray:
@@ -123,7 +122,7 @@ class Case:
             for term in self.problem.terms:
                 split.append((term, self.theta[i, first : first + len(term.parameters)].tolist()))
                 first += len(term.parameters)
-            point = Point("square" if design.waveform[j] else "sine", design.frequency[j], design.amplitude[j])
+            point = Point(design.drives[design.drive[j]], design.frequency[j], design.amplitude[j])
             speeds.append(literal_launch(point, self.theta[i, :3].tolist(), split, RIG).velocity)
         return np.array(speeds)
 

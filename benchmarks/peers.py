@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,8 @@ from scipy.integrate import solve_ivp
 
 from psafit.experiment import Constants
 from psafit.simulate import drive
-from psafit.simulate.design import SQUARE, Design
+from psafit.simulate.command import COMMAND, driven
+from psafit.simulate.design import Design
 
 Slope = Callable[[float, Any], list[float]]
 
@@ -53,10 +54,12 @@ class Trajectory:
     pull: float = 1.0
 
 
-def pieces(square: bool, volt: float, f: float, inverse_slew: float, turns: bool, until: float) -> tuple[Piece, ...]:
-    """The drive up to a time; with `turns` a piece also ends where a sine turns."""
-    record = np.empty(drive.PIECE)
-    drive.first_piece(record, square, volt, f, 0.0, 0.0, inverse_slew, False)
+def pieces(design: Design, j: int, inverse_slew: float, turns: bool, until: float) -> tuple[Piece, ...]:
+    """The drive of a point up to a time; with `turns` a piece also ends where a sine turns."""
+    rows, points = design.commands
+    record, point = np.empty(drive.PIECE), np.empty(COMMAND)
+    driven(points[j], 1.0, 0.0, point)
+    drive.first_piece(record, rows, point, 0.0, 0.0, inverse_slew, False)
     found = []
     while True:
         begin, end = record[drive.BEGIN], min(record[drive.END], until)
@@ -74,7 +77,7 @@ def pieces(square: bool, volt: float, f: float, inverse_slew: float, turns: bool
         if end >= until:
             return tuple(found)
         u = drive.voltage(record, record[drive.END])
-        drive.next_piece(record, u, square, volt, f, 0.0, 0.0, inverse_slew, False)
+        drive.next_piece(record, u, rows, point, 0.0, 0.0, inverse_slew, False)
 
 
 # Column names of the causes' parameters, and what a peer calls them.
@@ -95,10 +98,9 @@ def trajectory(design: Design, j: int, names: list[str], theta: np.ndarray, ends
     inverse_slew = values.pop("inverse_slew", 0.0)
     if "pull" in values:
         values["pull"] = 1.0 - values["pull"]
-    volt, f = float(design.amplitude[j]), float(design.frequency[j])
     turns = values.get("strength", 0.0) > 0.0
-    chain = pieces(bool(design.waveform[j] == SQUARE), volt, f, inverse_slew, turns, 1.2 * ends)
-    return Trajectory(pieces=chain, volt=volt, **values)
+    chain = pieces(design, j, inverse_slew, turns, 1.2 * ends)
+    return Trajectory(pieces=chain, volt=float(design.amplitude[j]), **values)
 
 
 # --- SciPy ------------------------------------------------------------------------------------------------------------
@@ -194,6 +196,130 @@ def scipy_launch(rig: Constants, one: Trajectory, method: str, rtol: float, abso
             contact, begin = True, float(found.t[-1])
             y[2] = 0.0
     return math.nan
+
+
+# --- numbalsoda -------------------------------------------------------------------------------------------------------
+
+
+class Numbalsoda:
+    """LSODA in machine code, one launch after the other; the tolerance is an argument, so that a scan compiles once.
+
+    It has no events. Each piece of a drive is sampled, a cubic finds where the indentation changes its sign between
+    two samples, and the motion is integrated from the sample before up to there. Positions are in strokes and speeds in
+    strokes times the stack's frequency, since all states have one absolute tolerance.
+
+    Parameters
+    ----------
+    rig : Constants
+    many : list of Trajectory
+        All with the same causes.
+    samples : int
+        Of a piece.
+    """
+
+    def __init__(self, rig: Constants, many: list[Trajectory], samples: int = 200) -> None:
+        from numba import njit
+        from numbalsoda import lsoda
+
+        motion = self._motion(rig, many[0].strength != 0.0)
+        states = 6 if many[0].strength else 5
+
+        @njit
+        def root(a: float, b: float, slope_a: float, slope_b: float) -> float:
+            """Where a cubic with these ends, a > 0 >= b, and slopes there is zero, as a share of the step."""
+            low, high = 0.0, 1.0
+            for _ in range(50):
+                s = 0.5 * (low + high)
+                c = 1.0 - s
+                here = c * c * ((1.0 + 2.0 * s) * a + s * slope_a) + s * s * ((1.0 + 2.0 * c) * b - c * slope_b)
+                low, high = (s, high) if here > 0.0 else (low, s)
+            return high
+
+        @njit
+        def launch(data: Any, chain: Any, gap: float, rate: float, rtol: float, absolute: float) -> float:
+            """Speed at the separation, in strokes times the stack's frequency; NaN where there is none."""
+            y = np.zeros(states)
+            y[2] = -gap
+            contact = gap == 0.0
+            for piece in chain:
+                begin, end = piece[0], piece[1]
+                data[0], data[1:6] = begin, piece[2:]
+                while begin < end:
+                    times = np.linspace(begin, end, samples + 1)
+                    data[-1] = 1.0 if contact else 0.0
+                    found, _ = lsoda(motion, y, times, data, rtol, rtol * absolute, 100_000)
+                    sign = 1.0 if contact else -1.0
+                    y, begin = found[-1], end
+                    for k in range(1, samples + 1):
+                        a, b = sign * found[k - 1, 2], sign * found[k, 2]
+                        if a > 0.0 >= b:
+                            step = times[k] - times[k - 1]
+                            h = sign * step * rate
+                            begin = times[k - 1] + step * root(a, b, h * found[k - 1, 3], h * found[k, 3])
+                            there = np.array([times[k - 1], begin])
+                            y = lsoda(motion, found[k - 1].copy(), there, data, rtol, rtol * absolute, 100_000)[0][1]
+                            if contact:
+                                return y[4]
+                            contact, y[2] = True, 0.0
+                            break
+            return np.nan
+
+        rate = math.sqrt(rig.k_s / rig.m)
+        laws = np.array([[t.k_c, t.c_s, t.c_c, t.exponent, t.lam, t.strength, t.memory, t.pull] for t in many])
+        strokes = np.array([rig.q * t.volt for t in many])
+        data = np.column_stack([np.zeros((len(many), 6)), laws, strokes, np.zeros(len(many))])
+        chains = [np.array([astuple(p) for p in t.pieces]) for t in many]
+        gaps = np.array([t.gap for t in many]) / strokes
+
+        def run(rtol: float, absolute: float) -> np.ndarray:
+            found = [launch(d, c, gap, rate, rtol, absolute) for d, c, gap in zip(data, chains, gaps, strict=True)]
+            return strokes * rate * np.array(found)
+
+        self.run = run
+
+    @staticmethod
+    def _motion(rig: Constants, lossy: bool) -> int:
+        """Address of the right-hand side."""
+        from numba import carray, cfunc
+        from numbalsoda import lsoda_sig
+
+        m, ball, k_s, q = rig.m, rig.M, rig.k_s, rig.q
+        rate, states = math.sqrt(k_s / m), 6 if lossy else 5
+
+        @cfunc(lsoda_sig)
+        def motion(t, at, to, given):  # type: ignore[no-untyped-def]
+            y, dy, a = carray(at, (states,)), carray(to, (states,)), carray(given, (16,))
+            begin, offset, slope, swing, omega, psi = a[0], a[1], a[2], a[3], a[4], a[5]
+            k_c, c_s, c_c, n, lam, strength, memory, pull = a[6], a[7], a[8], a[9], a[10], a[11], a[12], a[13]
+            stroke, contact = a[14], a[15]
+            speed = stroke * rate
+            angle = omega * (t - begin) + psi
+            u = offset + slope * (t - begin) + swing * math.sin(angle)
+            force = 0.0
+            if contact != 0.0:
+                d, w = stroke * y[2], speed * y[3]
+                size = 1.0 if n == 1.0 else (1e6 * abs(d)) ** (n - 1.0)
+                force = k_c * size * d * (1.0 + lam * w) + c_c * w
+                if force < 0.0:
+                    force *= pull
+            z = stroke * y[5] if lossy else 0.0
+            a1 = (k_s * (q * u - z - stroke * y[0]) - c_s * speed * y[1] - force) / m
+            a2 = force / ball
+            dy[0], dy[1], dy[2], dy[3], dy[4] = rate * y[1], a1 / speed, rate * y[3], (a1 - a2) / speed, a2 / speed
+            if lossy:
+                turn = slope + swing * omega * math.cos(angle)
+                dy[5] = (strength * q * turn - abs(turn) * z / memory) / stroke
+
+        _KEPT.append(motion)
+        return int(motion.address)
+
+    def __call__(self, rtol: float, absolute: float = 1e-5) -> np.ndarray:
+        """Speeds at the separation, in the order of the trajectories given; NaN where there is none."""
+        return self.run(rtol, absolute)
+
+
+# Compiled right-hand sides, which are known by their addresses.
+_KEPT: list[Any] = []
 
 
 # --- diffrax ----------------------------------------------------------------------------------------------------------

@@ -160,6 +160,16 @@ def simulator(rows: list[dict[str, object]]) -> None:
                         theirs / ours, "at least 150", theirs / ours >= 150))  # fmt: skip
     except ImportError:
         rows.append(row("the same against diffrax: not installed", float("nan"), "at least 150", None))
+    try:
+        case = Case(())
+        compiled = peers.Numbalsoda(RIG, case.trajectories)
+        compiled(1e-6)
+        theirs = best(lambda: compiled(1e-6), 3) / len(case.sample)
+        print(f"    numbalsoda {1e6 * theirs:.1f} us a trajectory; {quality(case.peer_errors(compiled(1e-6)))}")
+        rows.append(row("the same against numbalsoda LSODA, rtol 1e-6, sampled for the event",
+                        theirs / ours, "at least 30", theirs / ours >= 30))  # fmt: skip
+    except ImportError:
+        rows.append(row("the same against numbalsoda: not installed", float("nan"), "at least 30", None))
     costs = []
     for n in (1, 8, 64, 512, 4096):
         many = parameter_sets(n)
@@ -243,9 +253,11 @@ def _versus_peers(rows: list[dict[str, object]], title: str, case: Case) -> None
     print(f"    {title}: tight stepper and literal reference differ by {case.reference_gap():.0e} at most")
     print(f"    psafit at tolerance {loose:g}: {quality(errors)}")
     print(f"    psafit at its default tolerance {TOLERANCE:g}: {quality(case.errors(case.run(TOLERANCE)))}")
-    contest = {"SciPy LSODA": (500, _lsoda(case)), **{name: (30, work) for name, work in _diffrax(case).items()}}
-    if len(contest) == 1:
-        rows.append(row(f"{title}: against diffrax: not installed", float("nan"), "at least 30", None))
+    contest = {"SciPy LSODA": (500, _lsoda(case))}
+    for name, target, others in (("numbalsoda", 3, _numbalsoda(case)), ("diffrax", 30, _diffrax(case))):
+        contest |= {peer: (target, work) for peer, work in others.items()}
+        if not others:
+            rows.append(row(f"{title}: against {name}: not installed", float("nan"), f"at least {target}", None))
     times = in_turns(
         [partial(case.run, loose), partial(case.run, TOLERANCE), *(work for _, work in contest.values())], 7
     )
@@ -269,6 +281,19 @@ def _lsoda(case: Case) -> Callable[[], np.ndarray]:
     def run(rtol: float, absolute: float) -> np.ndarray:
         return np.array([peers.scipy_launch(RIG, one, "LSODA", rtol, absolute) for one in case.trajectories])
 
+    return _tuned("SciPy LSODA", case, run)
+
+
+def _numbalsoda(case: Case) -> dict[str, Callable[[], np.ndarray]]:
+    """LSODA in machine code on a case's sample, at its best choice of tolerances; nothing where it is not installed."""
+    try:
+        return {"numbalsoda LSODA": _tuned("numbalsoda LSODA", case, peers.Numbalsoda(RIG, case.trajectories))}
+    except ImportError:
+        return {}
+
+
+def _tuned(name: str, case: Case, run: Callable[[float, float], np.ndarray]) -> Callable[[], np.ndarray]:
+    """A peer that takes a relative and an absolute tolerance, at the fastest that reach the accuracy."""
     tried = []
     for absolute in (1e-3, 1e-5):
         reached = loosest(lambda x, a=absolute: case.peer_errors(run(x, a)), THEIRS)  # type: ignore[misc]
@@ -276,7 +301,7 @@ def _lsoda(case: Case) -> Callable[[], np.ndarray]:
             cost = min(seconds(partial(run, reached[0], absolute)) for _ in range(3))
             tried.append((cost, reached[0], absolute, reached[1]))
     _, rtol, absolute, errors = min(tried, key=lambda t: t[0])
-    print(f"    SciPy LSODA at rtol {rtol:g}, atol {absolute:g} rtol times the scale: {quality(errors)}")
+    print(f"    {name} at rtol {rtol:g}, atol {absolute:g} rtol times the scale: {quality(errors)}")
     return partial(run, rtol, absolute)
 
 

@@ -37,6 +37,7 @@ _LOOK = {
     "SciPy LSODA": ("vermillion", "s", "--"),
     "SciPy Radau": ("orange", "^", "--"),
     "SciPy DOP853": ("purple", "v", ":"),
+    "numbalsoda LSODA": ("vermillion", "X", "-"),
     "diffrax Kvaerno5": ("green", "D", "-."),
     "diffrax Tsit5": ("ink", "P", "-."),
 }
@@ -93,13 +94,18 @@ def measure() -> dict[str, dict[str, Curve]]:
                 return case.peer_errors(np.array(launches))
 
             curves[f"SciPy {method}"] = _curve(peer, _RTOL, n, 2)
-        for solver in ("Kvaerno5", "Tsit5"):
+        compiled: dict[str, Callable[[], Callable[[float], np.ndarray]]] = {
+            "numbalsoda LSODA": lambda many=many: peers.Numbalsoda(cases.RIG, many),  # type: ignore[misc]
+            "diffrax Kvaerno5": lambda many=many: peers.Diffrax(cases.RIG, many, "Kvaerno5", 16),  # type: ignore[misc]
+            "diffrax Tsit5": lambda many=many: peers.Diffrax(cases.RIG, many, "Tsit5", 16),  # type: ignore[misc]
+        }
+        for name, make in compiled.items():
             try:
-                batch = peers.Diffrax(cases.RIG, many, solver, 16)
+                batch = make()
             except ImportError:
                 continue
             batch(1e-3)
-            curves[f"diffrax {solver}"] = _curve(
+            curves[name] = _curve(
                 lambda x, batch=batch, case=case: case.peer_errors(batch(x)), _RTOL, n, 3  # type: ignore[misc]
             )  # fmt: skip
         found[title] = curves

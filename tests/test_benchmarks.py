@@ -20,7 +20,9 @@ from psafit.physics import TERMS, terms
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
-yardstick, search_sets, estimates, null_leads = map(import_module, ("search", "search_sets", "estimates", "null_leads"))
+yardstick, search_sets, estimates, null_leads, cases, peers = map(
+    import_module, ("search", "search_sets", "estimates", "null_leads", "cases", "peers")
+)
 
 
 def record(id: str = "one", **changes: Any) -> dict[str, Any]:
@@ -254,3 +256,24 @@ def test_searches_where_nothing_is_hidden_go_on_where_they_stopped(
         null_leads.main()
     monkeypatch.setattr(sys, "argv", [*words, "--seed", "2", "--anew"])
     assert null_leads.main() == 0 and null_leads.read_json(file, null_leads.NullLeads).seed == 2
+
+
+COMPARED = pytest.mark.parametrize(
+    "names", [(), ("hertz_exponent",), ("slew_limit", "hunt_crossley", "hysteresis"), ("gap",)], ids="+".join
+)
+
+
+@COMPARED
+def test_what_psafit_is_compared_with_solves_the_same_problem(names: tuple[str, ...]) -> None:
+    """Another solver's speed counts only if it launches the same balls."""
+    case = cases.Case(names, n_sets=2, n_sample=4)
+    assert case.reference_gap() < 1e-9
+    found = np.array([peers.scipy_launch(cases.RIG, one, "LSODA", 1e-8) for one in case.trajectories])
+    assert case.peer_errors(found).max() < 1e-4
+
+
+@COMPARED
+def test_so_does_what_is_compiled(names: tuple[str, ...]) -> None:
+    pytest.importorskip("numbalsoda", reason="nothing but its speed is compared, and it has to be built")
+    case = cases.Case(names, n_sets=2, n_sample=4)
+    assert case.peer_errors(peers.Numbalsoda(cases.RIG, case.trajectories)(1e-8)).max() < 1e-4
