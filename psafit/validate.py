@@ -383,7 +383,7 @@ def drifting(validation: Validation) -> bool:
     return any(s.role == "fit" and s.drift_p_value < LEVEL for s in validation.groups)
 
 
-def doubt(validation: Validation) -> str:
+def caution(validation: Validation) -> str:
     """Why the values of a fit may stand in for what the model lacks; empty where nothing says so."""
     if drifting(validation):
         return "the errors of what was fitted drift"

@@ -192,8 +192,8 @@ def test_values_are_doubted_where_the_fit_does_not_predict(checked) -> None:  # 
         (0.9, 0.4, "the groups it has not seen are missed"),
     ):
         groups = [fitted, replace(unseen, coverage_90=coverage)]
-        assert validate.doubt(replace(found, groups=groups, holdout_log_rmse=error)) == why
-    assert validate.doubt(replace(found, groups=[fitted], holdout_log_rmse=None)) == ""
+        assert validate.caution(replace(found, groups=groups, holdout_log_rmse=error)) == why
+    assert validate.caution(replace(found, groups=[fitted], holdout_log_rmse=None)) == ""
 
 
 def test_many_small_errors_against_few_large_ones() -> None:

@@ -168,7 +168,7 @@ def _known_readings(problem: Problem, true: FloatArray, start: FloatArray) -> fl
 
 
 def _best_scatter(problem: Problem, observable: Observable, rows: Rows, true: FloatArray, start: FloatArray) -> float:
-    """The same of one observable."""
+    """Log likelihood of the known readings of one observable, at the scatter of the highest posterior."""
     known = None if problem.known_sigma is None else problem.known_sigma[rows]
     parameters = observable.scatter
     own = [problem.names.index(p.name) for p in parameters]

@@ -78,7 +78,7 @@ class Conditions:
         group: NDArray[np.intp],
         least: tuple[float, float],
     ) -> Conditions:
-        """Of a design. Amplitudes (V) and readings below the `least` are of one size."""
+        """Conditions of a design; amplitudes (V) and readings below the `least` are of one size."""
         along: dict[Kind, FloatArray] = {
             "frequency": np.log(design.frequency),
             "amplitude": np.log(np.maximum(design.amplitude, least[0])),
@@ -126,7 +126,7 @@ class Law:
 
 
 def _covariance(kind: Kind, sizes: FloatArray, one: Conditions, other: Conditions) -> FloatArray:
-    """Of what the parameters and the discrepancy do to two sets of readings; (n, m)."""
+    """Covariance of what the parameters and the discrepancy do to two sets of readings; (n, m)."""
     free = one.free @ other.free.T
     if kind == "chance":
         return free
@@ -163,7 +163,7 @@ class Explanations:
 
     @classmethod
     def of(cls, candidate: Candidate, left: Discrepancy) -> Explanations | None:
-        """Of what a model leaves of the usual observable; None where that is read along traces."""
+        """Explanations of what a model leaves of the usual observable; None where that is read along traces."""
         problem = candidate.problem
         design = problem.design
         rows = np.flatnonzero((design.measured == design.usually_measured) & ~design.traced)
@@ -198,7 +198,7 @@ class Explanations:
 
     @property
     def record(self) -> list[Explanation]:
-        """The same as a record holds it."""
+        """The explanations as a record holds them."""
         return [Explanation(law.kind, p) for law, p in zip(self.laws, self.probability, strict=True)]
 
     def ahead(self, design: Design, *, by: float = 1e-3) -> list[tuple[FloatArray, FloatArray]]:

@@ -391,7 +391,7 @@ def explaining(
 
 
 def worth_building(found: list[Proposal], hardly: float) -> list[Proposal]:
-    """The same, what needs nothing new first where a changed rig or another instrument does hardly more."""
+    """Put what needs nothing new first, where a changed rig or another instrument does hardly more."""
     # The first in rank, not the largest: what is reported had no part in the ranking.
     here = next((p for p in found if p.as_it_is), None)
     if here is None or found[0].as_it_is:
@@ -452,7 +452,7 @@ class _Model:
 
     @classmethod
     def of(cls, candidate: Candidate, draws: FloatArray, rng: np.random.Generator) -> _Model:
-        """From equally weighted draws, (n_draws, n_dim)."""
+        """Make the predictions of a model from equally weighted draws, (n_draws, n_dim)."""
         problem = candidate.problem
         # Without duplicates: leaving one draw out would otherwise keep its copy among the judges.
         u, counts = np.unique(draws, axis=0, return_counts=True)
@@ -484,7 +484,7 @@ class PredictedReadings:
     floor: float = 0.0  # what the instrument shows no less of
 
     def log_density(self, readings: FloatArray, but: NDArray[np.intp] | None = None) -> FloatArray:
-        """Of each row of readings, as the mean over the draws; of each row one may be left out, (n_rows,)."""
+        """Log density of each row of readings, the mean over the draws but one that may be left out; (n_rows,)."""
         each = noise.log_density(readings[:, None, :], self.ranges, self.scatter, self.known).sum(axis=2)
         weight = np.broadcast_to(self.weight, each.shape)
         if but is not None:
@@ -528,7 +528,7 @@ def _trial(
 
 
 def _judged(each: FloatArray, truth: int, settings: ProposalSettings) -> tuple[_Judgement, FloatArray]:
-    """The same of the log ratios of the right model's density to those of all, (n, trials)."""
+    """Judge by the log ratios of the right model's density to those of all, (n, trials)."""
     ratio = math.log(len(each) - 1) - logsumexp(-np.delete(each, truth, axis=0), axis=0)
     clipped = np.clip(ratio, -CLEAR, CLEAR)
     error = float(clipped.std() / math.sqrt(settings.trials))

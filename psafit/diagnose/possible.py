@@ -68,7 +68,7 @@ class Possible:
         return not self.changed and not self.other
 
     def reading(self, measured: int, usual: int) -> Possible:
-        """It with another observable."""
+        """The same measurement of another observable."""
         o, design = OBSERVABLES[measured], replace(self.design, measured=np.full(self.design.n_points, measured))
         text = self.text if measured == usual else f"{self.text}, and read {o.titles}"
         return replace(self, text=text, design=design, other=measured != usual)

@@ -119,7 +119,7 @@ class Candidate:
 
     @property
     def laplace_apart(self) -> float:
-        """The same, what ends of one mode have in common counted once.
+        """Laplace log evidence; what several ends of one mode have in common counts once.
 
         Optimisations that end in different places of one mode are listed one by one. Each is counted in the part in
         which its normal is above the others' at its own top.
@@ -458,7 +458,7 @@ def united(*fits: Candidate) -> Candidate:
 
 
 def principal(candidate: Candidate) -> Candidate:
-    """The same without modes that hold a negligible part of the posterior: drawn from, they would hide the others."""
+    """Leave out modes that hold a negligible part of the posterior: drawn from, they would hide the others."""
     kept = _weighty(candidate)
     return candidate_at(candidate.problem, candidate.modes[kept], candidate.starts[kept], candidate.effort)
 

@@ -244,7 +244,7 @@ def _importance(
 
 
 def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0, away: float = 4.0) -> Candidate:
-    """The same with its best mode in the middle of where a parameter may lie, if that is wider than its curvature says.
+    """Move the best mode to the middle of where a parameter may lie, if that is wider than its curvature says.
 
     What acts by thresholds changes nothing between two of them. An optimisation ends anywhere there, often at an edge,
     and draws around that place shrink to the few that are right.

@@ -54,7 +54,7 @@ class ProfileSettings:
 
 
 class _Likelihood(Problem):
-    """The same problem with flat priors for the baseline and the scatter.
+    """A problem with flat priors for the baseline and the scatter.
 
     Those of a cause, and of what each session has for itself, are a part of what the model says: without them a profile
     of the baseline leads to where a ball leans by centimetres.
@@ -89,7 +89,7 @@ class _Walk:
         return max(log_posterior for _, log_posterior in self.points)
 
     def next(self, side: int, width: float, low: float, high: float) -> FloatArray | None:
-        """Where to go next on one side: along the last step, as far as changes the drop by a part of what closes it."""
+        """Return the next place on one side: along the last step, as far as changes the drop by a part of what is left."""
         last, before = (self.points[0], self.points[1]) if side < 0 else (self.points[-1], self.points[-2])
         at = last[0][self.index]
         if self.highest - last[1] > self.how.closed or at in (low, high):

@@ -35,7 +35,7 @@ class StudentMixture:
 
     @classmethod
     def of(cls, parts: Sequence[tuple[FloatArray, FloatArray, float]]) -> StudentMixture:
-        """From (centre, covariance, weight)."""
+        """Make a mixture of parts, each (centre, covariance, weight)."""
         centre, covariance, weight = zip(*parts, strict=True)
         share = np.array(weight)
         return cls(np.array(centre), np.linalg.cholesky(np.array(covariance)), share / share.sum())

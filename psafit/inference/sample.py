@@ -142,6 +142,6 @@ def joined(
 
 
 def _optimised(found: Candidate, top: FloatArray) -> Candidate:
-    """The same model, optimised on from its modes and from a draw."""
+    """Optimise a model on from its modes and from a draw."""
     end = maximise(found.problem, np.vstack([found.modes, top[None]]))
     return candidate_at(found.problem, end.u, np.append(found.starts, 0), found.effort + end.uncounted.effort)

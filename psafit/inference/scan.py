@@ -2,7 +2,7 @@
 
 A new cause at the right place fits worse than none as long as the others stay where they were. So each place is judged
 after a linear refit of the known parameters, which costs no simulation: with the readings' residual `r` and the change
-`e` that the cause makes, in units of the scatter, and `P` what no known parameter can do, it is worth
+`e` that the cause makes, in units of the scatter, and `P` what no known parameter can do, it gains
 ``(|P r|^2 - |P (r - e)|^2)/2`` nats.
 """
 
@@ -148,8 +148,8 @@ def widened(
         places = np.vstack([places, again])
         change = np.vstack([change, changed(again)])
         effect = left(change)
-        worth = np.nan_to_num(effect @ wanted - 0.5 * np.einsum("np,np->n", effect, effect), nan=-np.inf)
-        ranked = [k for k in np.argsort(-worth, kind="stable").tolist() if worth[k] > s.least]
+        gain = np.nan_to_num(effect @ wanted - 0.5 * np.einsum("np,np->n", effect, effect), nan=-np.inf)
+        ranked = [k for k in np.argsort(-gain, kind="stable").tolist() if gain[k] > s.least]
         chosen = _unlike(effect, ranked, s)
         starts = places[chosen]
         refit = (residual - change[chosen]) @ answer

@@ -126,5 +126,5 @@ def held_apart(
         return ""
     return (
         f". {names[int(r_hat.argmax())]} mixes least: the search ended in {near_top} places within {near:g} nats,"
-        " between which walkers rarely cross; psafit diagnose weighs such places one by one"
+        " between which walkers rarely cross; psafit diagnose samples such places one by one"
     )

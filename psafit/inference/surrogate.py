@@ -53,7 +53,7 @@ class IndependenceProposal:
     def resampled(
         self, u: FloatArray, value: FloatArray, drawn: FloatArray, values: FloatArray, random: np.random.Generator
     ) -> tuple[FloatArray, FloatArray]:
-        """Of each row of `u` and as many of its draws as there are, one by importance weights.
+        """Choose one of each row of `u` and its draws by importance weights.
 
         Reversible in the density whose logarithm is given.
 
@@ -203,7 +203,7 @@ class Surrogate:
         return steps
 
     def _log_posterior(self, u: FloatArray, mode: NDArray[np.intp]) -> FloatArray:
-        """Its log density, not normalised: each row's emulator, that of its mode, and what reaches everywhere."""
+        """Log density, not normalised: each row's emulator, that of its mode, and what reaches everywhere."""
         emulated = np.full(len(u), -np.inf)
         for k, part in self._parts.items():
             own = mode == k

@@ -40,7 +40,7 @@ from psafit.report.wording import (
     with_unit,
 )
 from psafit.text import count, fixed
-from psafit.validate import FAIR, GOOD, LEVEL, Prediction, coverage, doubt, some_draws, too_narrow, without_each
+from psafit.validate import FAIR, GOOD, LEVEL, Prediction, caution, coverage, some_draws, too_narrow, without_each
 
 REPORT = "report.html"
 
@@ -88,8 +88,8 @@ def write_report(
         "summary": fit_pictures.summary_picture(pictured),
         "explorable": fit_pictures.explorable(shown),
         "extended": bool(run.fit.terms),
-        "parameters": parameter_rows(run, bool(doubt(validation))),
-        "doubt": doubt(validation),
+        "parameters": parameter_rows(run, bool(caution(validation))),
+        "caution": caution(validation),
         "implausible": [s for s in run.summary.parameters if s.implausible],
         "minima": _minima(run),
         "marginals": fit_pictures.marginal_pictures(run, marginals),
@@ -267,7 +267,7 @@ def tiles_of(validation: Validation) -> list[dict[str, str]]:
 
 
 def _spread(scores: Sequence[GroupScore]) -> str:
-    """From the best group to the worst, where there are several."""
+    """Factors of the best and the worst group, in words; nothing where there is one group."""
     errors = [s.log_rmse for s in scores]
     return f"; ×{factor(min(errors))} to ×{factor(max(errors))}" if len(errors) > 1 else ""
 
@@ -374,7 +374,7 @@ def _role_cell(s: GroupScore) -> dict[str, str]:
 
 
 def _crps(s: GroupScore) -> str:
-    """With its unit, to a hundredth or so of the error metric's offset."""
+    """CRPS of a group with its unit, to a hundredth or so of the error metric's offset."""
     o = next((o for o in OBSERVABLES if o.name == s.observable), LAUNCH_RANGE)
     return f"{fixed(s.crps_um, 1 - math.floor(math.log10(o.offset)))} {unit_text(o.unit)}"
 

@@ -103,7 +103,7 @@ class Design:
         return {"amplitude": self.amplitude, "time": self.time * 1e6}.get(variable, self.frequency)
 
     def along(self, variable: str) -> NDArray[np.float64]:
-        """Its logarithm; that of 0 V, which has none, is that of the smallest drive."""
+        """Logarithm of what is swept; 0 V, which has none, stands at the smallest drive."""
         values = self.swept(variable)
         least = values[values > 0].min(initial=np.inf)
         return np.log(np.maximum(values, least if np.isfinite(least) else 1.0))
@@ -222,7 +222,7 @@ class Design:
 
     @cached_property
     def of_sessions(self) -> list[tuple[Design, NDArray[np.intp]]]:
-        """The same of each session of each rig."""
+        """The points of each session of each rig, as a design of their own, and which they are."""
         return self._split(self.rig * (int(self.group.max(initial=0)) + 1) + self.group)
 
     @classmethod

@@ -263,7 +263,7 @@ class _Command:
         self.span = max(abs(u - self.idle) for u in extremes)
 
     def width(self, k: int) -> float:
-        """Of the part behind corner number `k`."""
+        """Width of the part behind corner number `k`."""
         return (self.corners[k + 1] if k + 1 < self.per_period else self.period) - self.corners[k]
 
     def value(self, tau: float) -> float:

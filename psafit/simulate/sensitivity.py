@@ -155,7 +155,7 @@ class Effect:
 
     @property
     def deviation(self) -> FloatArray:
-        """The same in standard deviations of the scatter, (n_directions, n_points): always finite."""
+        """Change of the launch range in standard deviations of the scatter, (n_directions, n_points); always finite."""
         return in_scatter(self.launch_range) - in_scatter(self.neutral)
 
 

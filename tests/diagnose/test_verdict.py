@@ -70,8 +70,8 @@ def test_verdicts(hidden, sound):
     # So does what has no name in their place: a set of causes is no likelier for being a set of causes.
     none = replace(left, log_bayes=-50.0, log_evidence=left.log_evidence - left.log_bayes - 50.0)
     # (What adds nothing visible is counted with the best model, but has no part in the best model's prior.)
-    worth = {ids: value + hidden.log_prior(ids) for ids, value in hidden.log_evidence.items()}
-    counted = sum(np.exp(w - worth[best_model.ids]) for ids, w in worth.items() if "amplifier_lag" in ids)
+    log_weight = {ids: value + hidden.log_prior(ids) for ids, value in hidden.log_evidence.items()}
+    counted = sum(np.exp(w - log_weight[best_model.ids]) for ids, w in log_weight.items() if "amplifier_lag" in ids)
     own = hidden.probability[best_model.ids] / counted
     odds = own * np.exp(hidden.log_prior(()) - hidden.log_prior(best_model.ids)) / 9
     as_good = replace(bare, log_evidence=none.log_evidence + 50.0)

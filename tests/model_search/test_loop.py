@@ -138,11 +138,11 @@ def test_two_causes_of_which_neither_shows_alone_are_looked_for_where_the_tests_
 
 
 def test_of_all_pairs_those_that_come_near_the_best_of_them_are_fitted_like_others() -> None:
-    worth = {("c", "f"): 20.0, ("b", "g"): 16.0, ("a", "d"): 12.0}
-    fake = Fake(lambda ids: worth.get(ids, -1.0 * len(ids)))
+    evidence = {("c", "f"): 20.0, ("b", "g"): 16.0, ("a", "d"): 12.0}
+    fake = Fake(lambda ids: evidence.get(ids, -1.0 * len(ids)))
     search(CATALOGUE, fake, flat, passes=lambda model: bool(model.ids))
-    assert {*worth} <= {*fake.carried_over}
-    assert {*worth} & {*fake.fitted} == {("c", "f"), ("b", "g")}
+    assert {*evidence} <= {*fake.carried_over}
+    assert {*evidence} & {*fake.fitted} == {("c", "f"), ("b", "g")}
 
 
 def test_a_search_that_nothing_satisfies_ends() -> None:
@@ -175,10 +175,10 @@ def test_a_model_that_rises_when_it_is_sampled_takes_its_neighbours_along() -> N
 @pytest.mark.parametrize("low", [0.0, 7.0])
 def test_a_pair_that_shows_only_with_a_third_is_reached_by_an_exchange(low: float) -> None:
     """The first cause is only a stand-in, and where it stands the true one does not help."""
-    worth = {("a",): 20.0, ("b",): 2.0, ("a", "b"): 26.0, ("a", "c"): 21.0, ("b", "c"): 60.0}
-    worth |= {("a", "b", "c"): 26.0}
-    held = lambda ids: max((v for s, v in worth.items() if {*s} <= {*ids}), default=0.0)  # noqa: E731
-    fake = Fake(lambda ids: worth.get(ids, held(ids)), carrying=low)
+    evidence = {("a",): 20.0, ("b",): 2.0, ("a", "b"): 26.0, ("a", "c"): 21.0, ("b", "c"): 60.0}
+    evidence |= {("a", "b", "c"): 26.0}
+    held = lambda ids: max((v for s, v in evidence.items() if {*s} <= {*ids}), default=0.0)  # noqa: E731
+    fake = Fake(lambda ids: evidence.get(ids, held(ids)), carrying=low)
     found = search(CATALOGUE, fake, flat, SearchSettings(most_causes=2))
     assert max(found.models.values(), key=lambda m: m.log_evidence + flat(m.ids)).ids == ("b", "c")
     assert ("b", "c") in fake.carried_over and ("b", "c") in fake.fitted  # first from what is known, then in earnest
@@ -265,8 +265,8 @@ def test_what_comes_near_only_if_its_fit_falls_short_is_fitted_in_earnest() -> N
 
 def test_another_cause_in_the_place_of_one_is_looked_for_before_one_more() -> None:
     """ "b" with "c" does more than "a" with "c", which leads first; nothing is added to the latter."""
-    worth = {("a",): 50.0, ("a", "c"): 60.0, ("b", "c"): 90.0}
-    fake = Fake(lambda ids: max(v for s, v in ({(): 0.0} | worth).items() if {*s} <= {*ids}))
+    evidence = {("a",): 50.0, ("a", "c"): 60.0, ("b", "c"): 90.0}
+    fake = Fake(lambda ids: max(v for s, v in ({(): 0.0} | evidence).items() if {*s} <= {*ids}))
     found = search(CATALOGUE, fake, flat)
     assert found.models["b", "c"].sampled
     assert [ids for ids in found.models if len(ids) == 3 and {"a", "c"} < {*ids}] == [("a", "b", "c")]
@@ -285,15 +285,15 @@ def test_two_causes_are_found_behind_one_that_does_much_of_what_they_do() -> Non
     """ "e" leads and fails the tests; "b" and "g" do more together than alone; others look as well as they."""
     alone = {"a": 30.0, "b": 15.0, "c": 28.0, "e": 50.0, "g": 20.0}
 
-    def worth(ids: Ids) -> float:
+    def evidence(ids: Ids) -> float:
         return max(85.0 if {"b", "g"} <= {*ids} else 0.0, *(alone.get(id, 0.0) for id in ids), 0.0)
 
-    fake = Fake(worth)
+    fake = Fake(evidence)
     found = search(CATALOGUE, fake, flat, passes=lambda model: {"b", "g"} <= {*model.ids})
     assert found.models["b", "g"].sampled and ("b", "g") in fake.carried_over
     # Nothing was added to what looked as well as they.
     assert not [ids for ids in found.models if len(ids) > 2 and not {"b", "g"} < {*ids}]
-    fake = Fake(worth)
+    fake = Fake(evidence)
     search(CATALOGUE, fake, flat)  # the tests pass by "e": that is all there is to say
     assert ("b", "g") not in {*fake.fitted, *fake.carried_over}
 
@@ -352,8 +352,8 @@ def test_what_is_foreseen_is_what_follows() -> None:
                 assert set(foreseen.known) == {*self.fitted, *self.carried_over}
             return super().sample(model)
 
-    worth = {"a": 20.0, "b": 19.0, "c": 5.0}
-    fake = Predicted(lambda ids: max((worth.get(id, 0.0) for id in ids), default=0.0))
+    evidence = {"a": 20.0, "b": 19.0, "c": 5.0}
+    fake = Predicted(lambda ids: max((evidence.get(id, 0.0) for id in ids), default=0.0))
     search(CATALOGUE, fake, flat)
     assert reported[0] == (("a",), [("b",)], [])
     assert fake.sampled == [(), ("a",), ("b",)]

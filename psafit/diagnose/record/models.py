@@ -99,7 +99,7 @@ class CauseResult(Brief):
 
     @property
     def strange(self) -> list[str]:
-        """Its implausible parameters, the scatter's aside."""
+        """Implausible parameters of the model, the scatter's aside."""
         scatter = {p.name for o in OBSERVABLES for p in o.scatter}
         return [name for name in self.implausible if name not in scatter]
 

@@ -212,7 +212,7 @@ def check_trace(grid: Grid, head: Head, chosen: Chosen, options: Options, faults
 
 
 def _check_volts(grid: Grid, head: Head, column: Column, options: Options, faults: Faults) -> None:
-    """It is said how the volts in a heading are counted."""
+    """Refuse volts of which nobody says how they are counted."""
     if any(a.column == "amplitude_v" and not (a.volts or options.volts) for a in column.at):
         what = f"heading {column.name}: whether volts are zero to peak, peak to peak or RMS is not said"
         faults.add(fault(grid, head, what, f"say --volts {', --volts '.join(VOLTS)}, or write Vpp"))

@@ -46,7 +46,7 @@ class Unit:
         return None if factor is None else factor * self.scale * self.step
 
     def per_volt(self, target: str) -> Decimal | None:
-        """The same of a unit for each volt, such as ``mm/s/V`` or ``V/mV``; None where it is none."""
+        """Factor to `target` of a unit for each volt, such as ``mm/s/V`` or ``V/mV``; None where it is none."""
         above, _, below = self.text.rpartition("/")
         factor, volts = factor_of(above, target), factor_of(below, "V")
         return None if factor is None or volts is None else factor / volts

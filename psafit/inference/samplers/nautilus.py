@@ -125,7 +125,7 @@ def _sampler(
 
 @dataclass(frozen=True)
 class Settings(SamplerSettings):
-    """Of the nested sampler; a step is a simulated set.
+    """Settings of the nested sampler; a step is a simulated set.
 
     Parameters
     ----------
