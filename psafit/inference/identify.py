@@ -89,7 +89,7 @@ class _Walk:
         return max(log_posterior for _, log_posterior in self.points)
 
     def next(self, side: int, width: float, low: float, high: float) -> FloatArray | None:
-        """Return the next place on one side: along the last step, as far as changes the drop by a part of what is left."""
+        """Return the next place on one side: along the last step, as far as changes the drop by a part of the rest."""
         last, before = (self.points[0], self.points[1]) if side < 0 else (self.points[-1], self.points[-2])
         at = last[0][self.index]
         if self.highest - last[1] > self.how.closed or at in (low, high):
