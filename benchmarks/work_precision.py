@@ -5,6 +5,7 @@ Times are the processor's, on one core: what else the machine does would bend th
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -129,6 +130,28 @@ def worst_margin(found: dict[str, dict[str, Curve]]) -> float:
                 for error, seconds in curve[curve[:, 0] <= 1e-2]:
                     ratios.append(seconds / min(_time_at(c, error) for c in own))
     return min(ratios)
+
+
+def table(found: dict[str, dict[str, Curve]], error: float = 1e-5) -> str:
+    """CPU time a trajectory (us) at which each method reaches an error, and ours as launches a second, in Markdown."""
+    methods = list(dict.fromkeys(name for curves in found.values() for name in curves))
+    rows = [["CPU time a launch, µs", *(f"`{title}`".replace(" + ", "` + `") for title in found)]]
+    for name in methods:
+        least = [_time_at(curves[name], error) if name in curves else math.inf for curves in found.values()]
+        rows.append([name, *(f"{1e6 * t:.3g}" if math.isfinite(t) else "" for t in least)])
+    ours = [min(_time_at(c, error) for name, c in curves.items() if name == "psafit") for curves in found.values()]
+    rows.append(["psafit: launches a second and core", *(f"{float(f'{1 / t:.2g}'):,.0f}" for t in ours)])
+    rows.insert(1, ["---"] * len(rows[0]))
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def publish(text: str, page: str) -> str:
+    """The page with a text in the place of what stands between its marks."""
+    before, mark, rest = page.partition("<!-- make bench -->\n")
+    _, end, after = rest.partition("<!-- end -->\n")
+    if not (mark and end):
+        raise ValueError("the page has no <!-- make bench --> before an <!-- end -->")
+    return before + mark + "\n" + text + "\n" + end + after
 
 
 def draw(found: dict[str, dict[str, Curve]], path: Path) -> None:

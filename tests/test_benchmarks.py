@@ -20,8 +20,8 @@ from psafit.physics import TERMS, terms
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
-yardstick, search_sets, estimates, null_leads, cases, peers = map(
-    import_module, ("search", "search_sets", "estimates", "null_leads", "cases", "peers")
+yardstick, search_sets, estimates, null_leads, cases, peers, work_precision = map(
+    import_module, ("search", "search_sets", "estimates", "null_leads", "cases", "peers", "work_precision")
 )
 
 
@@ -277,3 +277,19 @@ def test_so_does_what_is_compiled(names: tuple[str, ...]) -> None:
     pytest.importorskip("numbalsoda", reason="nothing but its speed is compared, and it has to be built")
     case = cases.Case(names, n_sets=2, n_sample=4)
     assert case.peer_errors(peers.Numbalsoda(cases.RIG, case.trajectories)(1e-8)).max() < 1e-4
+
+
+def test_the_table_of_speeds_says_what_reaches_the_error() -> None:
+    curve = np.array([(1e-3, 1e-6), (1e-6, 4e-6), (1e-9, 9e-6)])  # errors, seconds
+    found = {"baseline": {"psafit": curve}, "gap + hysteresis": {"psafit": curve, "other": curve[:1]}}
+    text = work_precision.table(found)
+    assert text.splitlines()[2:] == [
+        "| psafit | 4 | 4 |",
+        "| other |  |  |",
+        "| psafit: launches a second and core | 250,000 | 250,000 |",
+    ]
+    page = "# Speed\n\n<!-- make bench -->\nold\n<!-- end -->\n\nrest\n"
+    once = work_precision.publish(text, page)
+    assert text in once and "old" not in once and once.endswith("rest\n") and work_precision.publish(text, once) == once
+    with pytest.raises(ValueError, match="no <!-- make bench"):
+        work_precision.publish(text, "# Speed\n")
