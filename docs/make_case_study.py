@@ -26,7 +26,7 @@ def unseen(table: Path) -> Figure:
         extended = figures.Curve("extended", "vermillion", e.median, (band,))
         curves.append([extended, figures.Curve("baseline", "grey", b.median, dashed=True)])
         after, before = (root_mean_square(log_ratio(t.median, t.group.reading)) for t in (e, b))
-        titles.append(f"Group {e.group.id}: log_rmse {before:.2f} → {after:.2f}")
+        titles.append(f"Group {e.group.id}: log RMSE {before:.2f} → {after:.2f}")
     groups = [t.group for t in reported[0]]
     figure = figures.groups_figure(groups, [figures.sweep_of(g) for g in groups], curves)
     for axes, title in zip(figure.axes, titles, strict=True):
@@ -55,7 +55,8 @@ def main() -> int:
             if g["group"] in extended:
                 e = extended[g["group"]]
                 axes.plot(e["at"], e["simulated"], color=PALETTE["vermillion"], label="extended")
-            axes.set(title=f"Group {g['group']}", xlabel="Drive amplitude (V)", ylabel="Growth d ln L / d ln V")
+            axes.set(title=f"Group {g['group']}", xlabel="Drive amplitude (V)")
+        figure.axes[0].set_ylabel("Growth d ln L / d ln V")
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
         figure.savefig(OUT / "case-growth.png", dpi=150)
     return 0

@@ -541,7 +541,7 @@ def odd_points(groups: dict[int, Group]) -> Figure:
     plain_ticks(b, [8, 10, 12, 15, 20, 25], [1, 2, 5, 10])
     b.axvspan(10.5, 12.5, ymax=0.76, color="0.85", zorder=0)
     b.axvspan(20.5, 22.5, ymax=0.76, color="0.85", zorder=0)
-    b.legend(loc="upper right", framealpha=1, frameon=True, edgecolor="white")
+    b.legend(loc="upper right")
     b.set_ylim(0.55, 22)
     for i in (5, 3, 4):
         draw(c, groups[i], 1.0, groups[i].amplitude_v <= 10)

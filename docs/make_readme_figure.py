@@ -50,6 +50,7 @@ def draw(folder: Path, file: Path) -> None:
             x=0.01, ha="left", fontsize=12, fontweight="bold", color=PALETTE["vermillion"],
         )  # fmt: skip
         legend = figures.handles(curves[::-1])
+        legend[0].set_label("readings")  # another program's, not measured
         figure.legend(handles=legend, loc="outside lower center", ncols=4)
         figure.savefig(file, dpi=150)
 

@@ -96,6 +96,13 @@ def test_a_log_posterior_has_no_height() -> None:
     assert not found, "\n" + "\n".join(found)
 
 
+@pytest.mark.parametrize("page", [p for p in PAGES if p.name not in GENERATED], ids=lambda p: p.name)
+def test_lines_are_no_longer_than_those_of_code(page: Path) -> None:
+    """But for rows of tables, pictures, and what a command prints or a generator takes."""
+    text = re.sub(r"^( *)```[\s\S]*?^\1``` *$|^:::.*(\n    .*)*", "", page.read_text("utf-8"), flags=re.MULTILINE)
+    assert not [row for row in text.splitlines() if len(row) > 120 and not row.startswith(("|", "!["))]
+
+
 def test_a_long_sentence_is_found() -> None:
     page = f"# Title\n\n{'word ' * 41}end. Short.\n\n- item\n- {'word ' * 91}\n\n```\n{'code ' * 100}\n```\n"
     every = paragraphs(page)
