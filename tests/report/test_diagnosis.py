@@ -455,5 +455,5 @@ def test_no_gain_is_reported_where_no_cause_was_named(undrawn, tmp_path):
     rows = [replace(group, named=[]) for group in strict.groups]
     strict = replace(strict, groups=rows, log_rmse_after=0.9121, log_rmse_interval=[-1e-4, 1e-4])
     page = build(replace(record, gain=record.gain | {"strict": strict}), experiment, tmp_path)
-    assert "Gain on data unseen (strict): none; no cause is named by group 1 alone." in page.text
+    assert "Gain on unseen data (strict): none; no cause is named by group 1 alone." in page.text
     assert page.text.count("name no cause by themselves") == 1 and "includes zero" not in page.text

@@ -46,12 +46,12 @@ class LivesOn(Statement):
     def say(self, words: Words) -> str:
         each = (
             words.put(
-                "{} on {} of {} readings, most in {}", words.cause(c.cause), c.half, self.readings,
+                "{}, {} of {}, most in {}", words.cause(c.cause), c.half, self.readings,
                 words.groups([c.groups[0][0]]),
             )
             for c in self.causes
         )  # fmt: skip
-        return words.put("Half of what speaks for a cause rests: {}.", words.joined("; ", each))
+        return words.put("Half of what speaks for a cause comes from this many readings: {}.", words.joined("; ", each))
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ class NoGain(Statement):
 
     def say(self, words: Words) -> str:
         why = "a quick diagnosis gives the verdict alone" if self.quick else "there is no group that could be held out"
-        return words.put("No gain on data unseen was measured: {}.", why)
+        return words.put("No gain on unseen data was measured: {}.", why)
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,10 @@ class Gained(Statement):
         g = self.gain
         seen = words.groups(self.training) if g.protocol == "strict" else "all other groups"
         if g.names_nothing:
-            how = "Gain on data unseen ({}): none; no cause is named by {} alone."
+            how = "Gain on unseen data ({}): none; no cause is named by {} alone."
             return words.put(how, g.protocol, seen)
         text = words.put(
-            "Gain on data unseen ({}; causes and parameters chosen on {}): the typical error goes from a factor of {}"
+            "Gain on unseen data ({}; causes and parameters chosen on {}): the typical error goes from a factor of {}"
             " to {} (mean log_rmse {} before, {} after; change {} to {}, 90 %).",
             g.protocol, seen, *(f"{math.exp(min(x, 99.0)):.3g}" for x in (g.log_rmse_before, g.log_rmse_after)),
             f"{g.log_rmse_before:.3f}", f"{g.log_rmse_after:.3f}",
