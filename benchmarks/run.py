@@ -407,12 +407,12 @@ def search(rows: list[dict[str, object]]) -> None:
 
 
 def diagram(rows: list[dict[str, object]]) -> None:
+    asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    commit = subprocess.run(asked, capture_output=True, text=True, check=False, cwd=ROOT).stdout.strip()
     with one_core():
         curves = work_precision.measure()
     work_precision.draw(curves, ROOT / "docs" / "figures" / "work_precision.png")
-    page, commit = ROOT / "docs" / "numerics.md", ["git", "describe", "--always", "--dirty", "--exclude=*"]
-    named = subprocess.run(commit, capture_output=True, text=True, check=False, cwd=ROOT).stdout.strip()
-    text = f"{work_precision.table(curves)}\nMeasured at commit `{named}`.\n"
+    page, text = ROOT / "docs" / "numerics.md", f"{work_precision.table(curves)}\nMeasured at commit `{commit}`.\n"
     page.write_text(work_precision.publish(text, page.read_text("utf-8")), "utf-8")
     worst = work_precision.worst_margin(curves)
     rows.append(row("work-precision diagram, four models: times faster than the best peer at equal error, smallest",

@@ -132,17 +132,22 @@ def worst_margin(found: dict[str, dict[str, Curve]]) -> float:
     return min(ratios)
 
 
+def _digits(value: float, n: int) -> str:
+    """A number to so many digits, without an exponent."""
+    return f"{float(f'{value:.{n}g}'):,.6g}"
+
+
 def table(found: dict[str, dict[str, Curve]], error: float = 1e-5) -> str:
     """CPU time a trajectory (us) at which each method reaches an error, and ours as launches a second, in Markdown."""
     methods = list(dict.fromkeys(name for curves in found.values() for name in curves))
     rows = [["CPU time a launch, µs", *(f"`{title}`".replace(" + ", "` + `") for title in found)]]
     for name in methods:
         least = [_time_at(curves[name], error) if name in curves else math.inf for curves in found.values()]
-        rows.append([name, *(f"{1e6 * t:.3g}" if math.isfinite(t) else "" for t in least)])
+        rows.append([name, *(_digits(1e6 * t, 3) if math.isfinite(t) else "" for t in least)])
     ours = [min(_time_at(c, error) for name, c in curves.items() if name == "psafit") for curves in found.values()]
-    rows.append(["psafit: launches a second and core", *(f"{float(f'{1 / t:.2g}'):,.0f}" for t in ours)])
-    rows.insert(1, ["---"] * len(rows[0]))
-    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    rows.append(["psafit: launches a second and core", *(_digits(1 / t, 2) for t in ours)])
+    head, *body = (f"| {' | '.join(row)} |\n" for row in rows)
+    return head + "|---" * len(rows[0]) + "|\n" + "".join(body)
 
 
 def publish(text: str, page: str) -> str:
