@@ -170,7 +170,7 @@ def draw(fits: Path, file: Path) -> None:
     with figure_style():
         figure = Figure(figsize=(9.0, 6.2), layout="constrained")
         # One scale for all readings: how far a model is off can be compared.
-        least, most = (pick(pick(t.reading) for t in tables) for pick in (min, max))
+        least, most = (pick(pick(t.launch_range_um) for t in tables) for pick in (min, max))
         for axes, name in zip(figure.subplots(2, 2).flat, SWEEPS, strict=True):
             swept = "frequency_hz" if np.ndim(SWEEPS[name][0]) else "amplitude_v"
             for table, (model, color) in zip(tables, models.items(), strict=True):
@@ -178,7 +178,7 @@ def draw(fits: Path, file: Path) -> None:
                 axes.plot(own[swept], own.predicted_um, color=PALETTE[color], label=model)
                 band = f"90 % of readings, {model}"
                 axes.fill_between(own[swept], own.lower_um, own.upper_um, color=PALETTE[color], label=band, **BAND)
-            axes.plot(own[swept], own.reading, label="measured", **MEASURED)
+            axes.plot(own[swept], own.launch_range_um, label="readings", **MEASURED)
             scale_axis(axes, "y", *widened(least, most, 0.1, log=True), log=True)
             log = swept == "frequency_hz"
             scale_axis(axes, "x", *widened(own[swept].min(), own[swept].max(), 0.03, log=log), log=log)

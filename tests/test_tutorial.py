@@ -7,12 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from sensors import TUTORIAL
 
-from psafit.experiment import Experiment
+from psafit.experiment import Experiment, read_experiment
 from psafit.inference.run import fit
 from psafit.inference.samplers.emcee import Settings
+from psafit.validate import Prediction, write_predictions
 
 ROOT = Path(__file__).parents[1]
 QUICK = Settings(chunk=100, r_hat=1.5, effective_samples=50, autocorrelation_times=5, max_steps=300, tuned=30)
@@ -54,6 +56,21 @@ def test_the_pages_show_commands_that_have_said_something() -> None:
         found = TUTORIAL.BLOCK.findall(page.read_text("utf-8"))
         assert len(found) == len(blocks(page.name, "console"))
         assert all(reported for command, reported in found if "--measure" not in command)
+
+
+def test_the_picture_is_drawn_from_what_a_fit_writes(tmp_path: Path) -> None:
+    """The fits themselves take half a minute each."""
+    (tmp_path / "rig").mkdir()
+    TUTORIAL.measure(tmp_path / "rig")
+    for run, role in (("rig-groupsine40V-sine700Hz", "fit"), ("with-sensor", "holdout")):
+        (tmp_path / run).mkdir()
+        made = []
+        for g in read_experiment(tmp_path / "rig").groups:
+            y, none = g.reading, np.zeros(g.n_points)
+            made.append(Prediction(g, role, y, y, y, 0.9 * y, 1.1 * y, y, y, none, none, none, 0.5, 0.5))
+        write_predictions(tmp_path / run / "predictions.csv", made)
+    TUTORIAL.draw(tmp_path, tmp_path / "picture.png")
+    assert (tmp_path / "picture.png").stat().st_size > 10_000
 
 
 @pytest.mark.slow
