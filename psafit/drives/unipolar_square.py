@@ -13,5 +13,5 @@ WAVEFORM = Waveform(
     value=lambda k, x: 1.0 if k == 0 else 0.0,
     rate=lambda k, x: 0.0,
     shifts=False,
-    names=("unipolar square", "pulse", "pulses", "ttl"),
+    names=("unipolar square", "ttl"),
 )

@@ -273,6 +273,13 @@ def test_a_drive_that_is_not_known_is_not_called_another(tmp_path: Path) -> None
     assert "--waveform sine" in str(refused(tmp_path, GERMAN, Options()))
 
 
+def test_a_pulse_is_not_taken_for_a_waveform(tmp_path: Path) -> None:
+    file = tmp_path / "sweep.csv"
+    file.write_text("frequency_hz,amplitude_v,waveform,launch_range_um\n1000,20,PULSE,25\n", "utf-8")
+    with pytest.raises(InputError, match="'PULSE' is no waveform that psafit knows"):
+        read_files([file], Options())
+
+
 def test_a_table_is_no_waveform_to_import(tmp_path: Path) -> None:
     error = refused(tmp_path, HEAD + "1200;20;76\n", Options(waveforms=("table",)))
     assert "say --drive FILE" in str(error) and "did you mean" not in str(error)

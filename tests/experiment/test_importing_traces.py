@@ -121,7 +121,8 @@ ASKED: dict[str, tuple[str, dict[str, Any], str]] = {
     ),
     "no unit": (rows(first="Time,Velocity (mm/s)\n"), {}, "--column Time=time_us:us"),
     "no time": (
-        rows(first="a,b (um)\n"), column("b (um)", "displacement_um", "um"), "no time_us among 'a', 'b (um)'",
+        rows(first="a,b (um)\n"), column("b (um)", "displacement_um", "um"),
+        "no time_us among 'a', 'b (um)'; add a column of times",
     ),
     "the drive": (
         rows(first="Time (us),Displacement (um),U (V)\n").replace("\n", ",1\n").replace("(V),1", "(V)"), {},

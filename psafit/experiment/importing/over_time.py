@@ -183,7 +183,10 @@ def check_trace(grid: Grid, head: Head, chosen: Chosen, options: Options, faults
     if not chosen.of(TIME):
         near = nearest(chosen.unused, head, TIME)
         what = f"a trace, and no {TIME} among {all_headings(head)}"
-        faults.add(fault(grid, head, what, f"say {option(near or 'NAME', TIME, '' if near else 'ms')}"))
+        given = f"say {option(near or 'NAME', TIME, '' if near else 'ms')}"
+        faults.add(
+            fault(grid, head, what, given if near else f"add a column of times, or {given} for one that is there")
+        )
     missing = []
     for name in CONDITION_COLUMNS:
         columns = chosen.of(name)
