@@ -221,7 +221,9 @@ class Numbalsoda:
         from numba import njit
         from numbalsoda import lsoda
 
-        motion = self._motion(rig, many[0].strength != 0.0)
+        # Known by its address: it lives as long as what calls it.
+        self._motion = self._compiled(rig, many[0].strength != 0.0)
+        motion = int(self._motion.address)
         states = 6 if many[0].strength else 5
 
         @njit
@@ -278,8 +280,8 @@ class Numbalsoda:
         self.run = run
 
     @staticmethod
-    def _motion(rig: Constants, lossy: bool) -> int:
-        """Address of the right-hand side."""
+    def _compiled(rig: Constants, lossy: bool) -> Any:
+        """The right-hand side in machine code."""
         from numba import carray, cfunc
         from numbalsoda import lsoda_sig
 
@@ -310,16 +312,11 @@ class Numbalsoda:
                 turn = slope + swing * omega * math.cos(angle)
                 dy[5] = (strength * q * turn - abs(turn) * z / memory) / stroke
 
-        _KEPT.append(motion)
-        return int(motion.address)
+        return motion
 
     def __call__(self, rtol: float, absolute: float = 1e-5) -> np.ndarray:
         """Speeds at the separation, in the order of the trajectories given; NaN where there is none."""
         return self.run(rtol, absolute)
-
-
-# Compiled right-hand sides, which are known by their addresses.
-_KEPT: list[Any] = []
 
 
 # --- diffrax ----------------------------------------------------------------------------------------------------------

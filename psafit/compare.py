@@ -26,7 +26,7 @@ from psafit.inference.identify import supported
 from psafit.inference.run_folder import load
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
 from psafit.records import read_json
-from psafit.validate import columns_of, log_ratio, predict, root_mean_square, table_name, why_uninformative
+from psafit.validate import columns_of, log_ratio, predict, root_mean_square, tables_at, why_uninformative
 
 _MEASURED, _ROLES = (*CONDITION_COLUMNS, "measured", "reading"), ("fit", "holdout")
 
@@ -238,9 +238,8 @@ def read_predictions(path: Path, model: str | None = None) -> list[Predicted]:
     InputError
         If all are missing, or one is damaged.
     """
-    files = {o: path.with_name(table_name(path.stem, o)) for o in OBSERVABLES}
-    there = [o for o, file in files.items() if file.is_file()] or [LAUNCH_RANGE]
-    return [one for o in there for one in _read_table(files[o], o, model)]
+    tables = tables_at(path) or {LAUNCH_RANGE: path}
+    return [one for o, file in tables.items() for one in _read_table(file, o, model)]
 
 
 def _read_table(path: Path, observable: Observable, model: str | None) -> list[Predicted]:
@@ -248,13 +247,12 @@ def _read_table(path: Path, observable: Observable, model: str | None) -> list[P
     import pandas as pd
 
     columns = columns_of(observable)
-    unit = observable.column.removeprefix(observable.name)
-    read = (*CONDITION_COLUMNS, *([TIME] if observable.traced else []), observable.column)
-    found = [f"{name}{unit}" for name in ("predicted", "lower", "upper")]
+    _, _, *numeric, _ = columns
+    found = numeric[-3:]  # median and band
     try:
         table = pd.read_csv(path, converters={"group": str})  # NA is a name, too
         table = (table if model is None else table[table["model"] == model])[list(columns)].assign(log_density=np.nan)
-        numbers = table[[*read, *found]].to_numpy(float)
+        numbers = table[numeric].to_numpy(float)
         signed = observable.traced or (numbers >= 0).all()
         if not (np.isfinite(numbers).all() and signed and table["role"].isin(_ROLES).all()):
             raise ValueError("impossible values")

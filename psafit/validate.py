@@ -482,6 +482,12 @@ def table_name(stem: str, observable: Observable) -> str:
     return f"{stem}.csv" if observable is LAUNCH_RANGE else f"{stem}-{observable.name}.csv"
 
 
+def tables_at(path: Path) -> dict[Observable, Path]:
+    """The tables of predictions that are there, by observable; `path` is that of the launch ranges."""
+    files = {o: path.with_name(table_name(path.stem, o)) for o in OBSERVABLES}
+    return {o: file for o, file in files.items() if file.is_file()}
+
+
 def columns_of(observable: Observable) -> tuple[str, ...]:
     """`COLUMNS` with an observable's column and unit in the place of the launch range's; of a trace, with `time_us`."""
     unit = observable.column.removeprefix(observable.name)

@@ -44,7 +44,7 @@ FACT_LIMITS = {
     "rated_stroke": (1e-12, 1.0),
     "layer_thickness": (1e-9, 1.0),
 }
-# Hard limits of what is said of a drive.
+# What to do about a drive's number beyond its limits.
 _DRIVE_REMEDY = {
     "bias_v": "give it in volts",
     "idle_v": "give it in volts",

@@ -61,7 +61,7 @@ def read_drive(file: Path, *, least_rows: int = 10, most_rows: int = 100_000, mo
 
 def level(number: float, name: str, cell: str) -> float:
     """A value within the limits of its column, or a `CellFault`; `cell` is what stands in the file."""
-    low, high = {**LIMITS, **SETTING_LIMITS}[name]
+    low, high = LIMITS.get(name) or SETTING_LIMITS[name]
     if low <= number <= high:
         return number + 0.0
     remedy = "begin at 0, the start of the drive" if number < 0.0 == low else "correct the value or its unit"

@@ -25,7 +25,7 @@ HELD = (*CONDITION_COLUMNS, *ERROR_OF)
 """What may be held, in the place of a column."""
 IDLE = "idle_v"
 SETTINGS = ("bias_v", IDLE)
-"""Voltages of a group's drive: what it rests at; and what is added to its command, first."""
+"""Voltages of a group's drive: what is added to its command, and what it rests at."""
 VOLTAGE = RECORDED[1]
 """The column of a recorded drive."""
 EXAMPLES = {"frequency_hz": ("kHz", "1.2"), "amplitude_v": ("Vpp", "40")}

@@ -212,8 +212,8 @@ def _check_motion(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
     """What has a time, and no frequency and no reading, is a trace of which no column is known to be the motion."""
     times = [c for c in chosen.unused if c.column == TIME]
     if times and not chosen.readings and not chosen.of("frequency_hz"):
-        what = f"no frequency_hz among {all_headings(head)}: column {times[0].name} looks like a trace over time, but"
-        what = f"{what} none is a motion"
+        looks = f"column {times[0].name} looks like a trace over time, but none is a motion"
+        what = f"no frequency_hz among {all_headings(head)}: {looks}"
         texts = [h.text for h in head.headings]
         volts = [
             c.option if texts.count(c.option) == 1 else str(c.place + 1)

@@ -183,10 +183,8 @@ def check_trace(grid: Grid, head: Head, chosen: Chosen, options: Options, faults
     if not chosen.of(TIME):
         near = nearest(chosen.unused, head, TIME)
         what = f"a trace, and no {TIME} among {all_headings(head)}"
-        given = f"say {option(near or 'NAME', TIME, '' if near else 'ms')}"
-        faults.add(
-            fault(grid, head, what, given if near else f"add a column of times, or {given} for one that is there")
-        )
+        remedy = f"add a column of times, or say {option('NAME', TIME, 'ms')} for one that is there"
+        faults.add(fault(grid, head, what, f"say {option(near, TIME)}" if near else remedy))
     missing = []
     for name in CONDITION_COLUMNS:
         columns = chosen.of(name)

@@ -15,12 +15,11 @@ from psafit.compare import Predicted, read_predictions
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.show import Line
 from psafit.experiment import Experiment, Group
-from psafit.observables import OBSERVABLES
 from psafit.report import figures
 from psafit.report.catalogue import TITLES
 from psafit.report.page import figure_data_uri
 from psafit.report.wording import factor
-from psafit.validate import log_ratio, root_mean_square, table_name
+from psafit.validate import log_ratio, root_mean_square, tables_at
 
 _LOOKS: Final = {"baseline": ("baseline", "grey"), "extended": ("extended model", "vermillion")}
 
@@ -103,9 +102,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
 
 def _predicted(path: Path, model: str | None = None) -> dict[str, Predicted]:
     """What tables in the folder of the record say of each group; nothing where there are none."""
-    files = (path.with_name(table_name(path.stem, o)) for o in OBSERVABLES)
-    found = read_predictions(path, model) if any(file.is_file() for file in files) else []
-    return {t.group.label: t for t in found}
+    return {t.group.label: t for t in read_predictions(path, model)} if tables_at(path) else {}
 
 
 def _band(given: Predicted | None, n: int) -> tuple[figures.Band, ...]:
