@@ -49,8 +49,8 @@ class FitSettings:
         Times that a fit goes on from where a parameter without a slope was moved.
     across : tuple of (int, int)
         Optimisations from there.
-    many, every : int
-        Readings from which on a part of them is looked at first, and that part: one in `every`.
+    readings : int
+        Of a trial, about: every so many-th of each group, the least group all of eight.
     rough : float
         Error of a simulator's step in a trial, whatever the number of readings.
     """
@@ -64,8 +64,7 @@ class FitSettings:
     taken: int = 2
     crossings: int = 4
     across: Schedule = ((6, 6), (30, 3))
-    many: int = 150
-    every: int = 4
+    readings: int = 36
     rough: float = 1e-3
 
 
@@ -220,9 +219,9 @@ class Candidate:
 
 def subsampled(problem: Problem, settings: FitSettings) -> Problem:
     """A problem roughly simulated, and of many readings with some of them only."""
+    every = max(problem.observed.size // settings.readings, 1)
     rough = replace(problem, tolerance=max(problem.tolerance, settings.rough))
-    few = problem.observed.size < settings.many
-    return rough if few else replace(rough, experiment=problem.experiment.thinned(settings.every))
+    return replace(rough, experiment=problem.experiment.thinned(every))
 
 
 def fit(
