@@ -28,6 +28,10 @@ higher. What it meets that comes near is treated like all others. (Without such 
 Two causes may show together and neither alone. Where no cause shows, and yet the tests of misfit fail, all pairs of the
 catalogue are fitted from known optima, too.
 
+A cause may hold all the others at values from which no way leads to the truth. So where the tests fail by what leads in
+the end, the next best models that show, and have no more causes, get all their neighbours like the best, one after
+another. (Without, a single cause of 55 nats hid three of 164.)
+
 (Occam's window: D. Madigan and A. E. Raftery, J. Am. Stat. Assoc. 89 (1994) 1535; best-first over neighbours: C. Hans,
 A. Dobra and M. West, J. Am. Stat. Assoc. 102 (2007) 507.)
 """
@@ -167,6 +171,8 @@ class _Known(Generic[Content]):
         How many of the kinds of its neighbours were fitted: those no larger, and those larger.
     detoured : dict
         The same of those without a cause that the best has, the larger first.
+    widened : set
+        Those that got all neighbours without leading.
     """
 
     catalogue: Sequence[str]
@@ -176,6 +182,7 @@ class _Known(Generic[Content]):
     models: dict[Ids, Model[Content]] = field(default_factory=dict)
     done: dict[Ids, int] = field(default_factory=dict)
     detoured: dict[tuple[str, Ids], int] = field(default_factory=dict)
+    widened: set[Ids] = field(default_factory=set)
 
     def _parts(self, model: Model[Content]) -> list[Model[Content]]:
         subsets = (ids for n in range(len(model.ids)) for ids in itertools.combinations(model.ids, n))
@@ -236,7 +243,7 @@ class _Known(Generic[Content]):
         most = self.settings.most_causes
         both = [(exchanged(m.ids, self.catalogue), enlarged(m.ids, self.catalogue, most)) for m in models]
         found = [[ids for kind in larger for ids in kinds[kind]] for kinds in both]
-        leads = [self.value(m) >= highest or not self.shows(m) for m in models]
+        leads = [self.value(m) >= highest or m.ids in self.widened or not self.shows(m) for m in models]
         follow = {ids for sets, first in zip(found, leads, strict=True) if not first for ids in sets}
         left = self.promising(follow, highest)
         return [
@@ -289,6 +296,19 @@ class _Known(Generic[Content]):
         least = max([highest, *map(self.value, found)]) - self.settings.short_by
         near = [m.ids for m in found if self.shows(m) and self.value(m) >= least]
         self.keep(self.fitter.short(near, self.models))
+
+    def widen(self, best: Model[Content]) -> bool:
+        """Fit all neighbours of the next model that shows and has no more causes; False where no more get theirs."""
+        others = [m for m in self.models.values() if m is not best and len(m.ids) <= len(best.ids) and self.shows(m)]
+        left = [m for m in others if m.ids and m.ids not in self.widened]
+        if not left or len(self.widened) >= self.settings.widened:
+            return False
+        model = max(left, key=self.value)
+        self.widened.add(model.ids)
+        self.done[model.ids] = 0
+        for _ in range(_KINDS):
+            self.expand(model, self.value(best))
+        return True
 
     def detour(self, best: Model[Content]) -> bool:
         """Go a step up from the best model without a cause of the best of all; False where each way has ended."""
@@ -351,7 +371,7 @@ def search(
         Models to fit before all else, in addition to the one without causes.
     passes : callable
         Whether the readings pass the tests of misfit by a model. Asked of a single cause that leads, where others show,
-        and of the model without causes, if it leads in the end.
+        and of what leads in the end.
     progress : callable
         Called with (what, models whose neighbours were fitted, models of which they are to be).
     """
@@ -384,7 +404,7 @@ def search(
             if not best_model.ids and (pairs := known.pairs(catalogue)) and not passes(best_model):
                 known.carry_up(pairs)
                 continue
-            if known.detour(best_model):
+            if known.detour(best_model) or (not passes(best_model) and known.widen(best_model)):
                 continue
             return known.searched()
         best, *others = sorted(left, key=lambda m: (m.sampled and known.done[m.ids], -known.value(m), m.ids))

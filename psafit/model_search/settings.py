@@ -28,6 +28,8 @@ class SearchSettings(SampleSettings):
     detour : int
         Causes that a set may have more than the best, on a way up without one of those that the best has. Such ways are
         gone where the best has more than `from_prior`.
+    widened : int
+        Models besides the best that get all their neighbours at most, where the tests of misfit fail by the best.
     most_causes : int
         Causes of a model.
     short_draws, short_starts : int
@@ -51,6 +53,7 @@ class SearchSettings(SampleSettings):
     short_by: float = 6.0
     visible: float = 3.0
     detour: int = 1
+    widened: int = 4
     most_causes: int = 6
     short_draws: int = 64
     short_starts: int = 4

@@ -133,7 +133,7 @@ def test_two_causes_of_which_neither_shows_alone_are_looked_for_where_the_tests_
 
     found = search(CATALOGUE, Fake(evidence), flat, passes=passes)
     assert found.models["c", "f"].sampled and ("c", "f") in found.expanded
-    assert asked == [()]  # and no more, once something shows
+    assert asked == [(), ("c", "f")]  # what leads, and no more
     assert ("c", "f") not in search(CATALOGUE, Fake(evidence), flat).models
 
 
@@ -296,6 +296,21 @@ def test_two_causes_are_found_behind_one_that_does_much_of_what_they_do() -> Non
     fake = Fake(evidence)
     search(CATALOGUE, fake, flat)  # the tests pass by "e": that is all there is to say
     assert ("b", "g") not in {*fake.fitted, *fake.carried_over}
+
+
+def test_where_the_tests_fail_in_the_end_what_shows_besides_gets_its_neighbours_too() -> None:
+    """Here "e" leads, "b" shows and does nothing with any other, but for what it does with "f", which does not show."""
+    alone = {"e": 50.0, "b": 20.0, "g": 15.0}
+
+    def evidence(ids: Ids) -> float:
+        return max(150.0 if {"b", "f"} <= {*ids} else 0.0, *(alone.get(id, 0.0) for id in ids), 0.0) - 0.1 * len(ids)
+
+    fake = Fake(evidence)
+    found = search(CATALOGUE, fake, flat, passes=lambda model: {"b", "f"} <= {*model.ids})
+    assert found.models["b", "f"].sampled and not [ids for ids in fake.fitted if "g" in ids and len(ids) == 2]
+    assert ("b", "f") not in search(CATALOGUE, Fake(evidence), flat).models  # where the tests pass by "e"
+    none = SearchSettings(widened=0)
+    assert ("b", "f") not in search(CATALOGUE, Fake(evidence), flat, none, passes=lambda model: False).models
 
 
 def test_errors_of_short_fits_within_the_window_do_no_harm() -> None:
