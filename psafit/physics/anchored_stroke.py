@@ -16,7 +16,9 @@ which for a falling voltage (a rising one is its mirror image) obeys
 .. math:: \frac{\mathrm d\zeta}{\mathrm du} = 4u - \sqrt{4u^2 - 2\zeta} \ (u > 0), \qquad -\sqrt{-2\zeta} \ (u < 0):
 
 the turn :math:`u_t` is recovered from :math:`\zeta` and :math:`u`, a loop closes at :math:`-u_t`, and beyond it the
-first rise goes on. Assumed: no bias, no creep; of turns inside a loop only what :math:`\zeta` keeps is remembered.
+first rise goes on. Assumed: no creep; of turns inside a loop only what :math:`\zeta` keeps is remembered. The first
+rise and the first fall are exact under any drive. A drive that is not symmetric about 0 V turns inside that loop: from
+its second rise on, each leaves the tip by some per cent further than a loop that closes would.
 """
 
 from __future__ import annotations
@@ -107,10 +109,11 @@ TERM = Term(
             name="anchored_voltage",
             symbol="U",
             unit="V",
-            bounds=Bounds(20.0, 1000.0),
-            prior=LogNormal(150.0, 1.2),
+            bounds=Bounds(5.0, 5000.0),
+            prior=LogNormal(150.0, 2.0),
             description="voltage at which the stroke per volt is the data sheet's",
-            source="rated voltage of the stack: 150 V for AE0505D16DF (its data sheet, read, states the stroke there)",
+            source="rated voltage of a stack: of co-fired ones 60 to 200 V, of stacked discs 500 to 1000 V (an"
+            " estimate); 150 V for AE0505D16DF (its data sheet, read, states the stroke there)",
         ),
     ),
     symptom=Symptom(

@@ -8,7 +8,8 @@ with :math:`M g x_0/l`. The contact is indented before the drive starts, and the
 from its place :math:`x_2` at separation. Places count from the rest, as a vibrometer reads them. Exactly, by energy:
 :math:`\cos\theta_m = \cos\theta_s - v^2/(2 g l)`, with :math:`l\sin\theta_s = x_0 + x_2` and :math:`L_r =
 l\sin\theta_m - x_0`. For :math:`v^2 l/g \ll x_0^2` the range is :math:`v^2 l/(2 g x_0)`: quadratic in the speed, not
-linear. Assumed: the ball rests before every launch.
+linear. Assumed: the ball rests before every launch. A string at 30 degrees, :math:`x_0 = l/2`, is no pendulum any more:
+leans end there, all causes of one together.
 
 As :math:`x_0 \to 0` the place :math:`x_2` stays in the energy, which the baseline neglects (Section 3.3): a small step
 separates a vanishing :math:`x_0` from :math:`x_0 = 0`, where the cause is absent.
@@ -27,13 +28,13 @@ from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
-    """Lean further."""
-    return rig.change(lean=rig.lean + p[:, 0])
+    """Lean further, up to half of the string."""
+    return rig.change(lean=np.minimum(rig.lean + p[:, 0], 0.5 * rig.l))
 
 
 def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
-    """Equilibrium ``x_0`` behind the contact plane."""
-    rig.lean = p[0]
+    """Equilibrium ``x_0`` behind the contact plane, of all causes together half of the string at most."""
+    rig.lean = min(rig.lean + p[0], rig.l / 2)
 
 
 def _press(x_0: float) -> float:
@@ -81,6 +82,11 @@ TERM = Term(
             "leans add: 0.05 mm + 0.15 mm = 0.2 mm",
             lambda: float(setup(plain_rig(lean=5e-5), np.array([[1.5e-4]])).lean[0]),
             2e-4,
+        ),
+        Check(
+            "44 mm + 4 mm on a string of 90 mm: no more than 45 mm",
+            lambda: float(setup(plain_rig(lean=4.4e-2), np.array([[4e-3]])).lean[0]),
+            4.5e-2,
         ),
     ),
     literal=literal,

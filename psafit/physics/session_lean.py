@@ -25,13 +25,13 @@ from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
     """Lean further by the session's length; `p` holds the middle, the spread and the session's number."""
-    return rig.change(lean=rig.lean + np.minimum(p[:, 0] * np.exp(p[:, 1] * p[:, 2]), 0.5 * rig.l))
+    return rig.change(lean=np.minimum(rig.lean + p[:, 0] * np.exp(p[:, 1] * p[:, 2]), 0.5 * rig.l))
 
 
 def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Equilibrium further behind the contact plane by ``x_0 exp(s z)``; `p` ends with the `z` of the session."""
     x_0, spread, z = p
-    rig.lean += min(x_0 * math.exp(spread * z), rig.l / 2)
+    rig.lean = min(rig.lean + x_0 * math.exp(spread * z), rig.l / 2)
 
 
 def _lean(x_0: float, spread: float, z: float) -> float:

@@ -6,11 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from sensors import CUBIC, SENSOR
 
 from psafit.experiment import Experiment
-from psafit.physics import plugin
+from psafit.physics import plugin, terms
 from psafit.simulate import Design, contract
 from psafit.simulate.reference import Point
 
@@ -77,3 +78,14 @@ def test_a_bifurcation_excuses_nothing_but_its_other_side(fast: float, agrees: b
     monkeypatch.setattr(contract.Draw, "fast", lambda self, tolerance: (fast, "stepper"))
     monkeypatch.setattr(contract.Draw, "reference", lambda self, factor=1.0: 2.0 if factor > 1.0 else 1.0)
     assert (one.disagreement() <= 1.0) is agrees
+
+
+@pytest.mark.parametrize("length", [0.02, 0.03, 0.2])
+@pytest.mark.parametrize("causes", [["preload"], ["session_lean"], ["preload", "session_lean"]], ids="+".join)
+def test_no_lean_is_longer_than_half_of_the_string(causes: list[str], length: float) -> None:
+    """Neither path loses the pendulum, and none reads a range that is negative."""
+    rig, rng = replace(contract.STUDY, l=length), np.random.default_rng(5)
+    longest = {"preload_offset": 0.045, "session_lean_offset": 0.045, "session_lean_spread": 1.0, "session_lean_z": 5.0}
+    draws = [contract.draw(rng, terms(causes), rig, **longest) for _ in range(6)]
+    assert contract.agreement(draws).passed
+    assert all(one.fast()[0] >= 0.0 for one in draws)
