@@ -5,8 +5,8 @@ are simulated by the literal reference, and the search of a diagnosis looks at t
 with causes leads the baseline by goes into psafit/diagnose/null_leads.json, from which `psafit diagnose` reads how
 often a search finds as much by chance.
 
-Sizes are taken in turn, and each search is written when it is done: what was interrupted goes on with the same command.
-A table of another catalogue, of other settings or another seed is begun anew only with ``--anew``.
+Sizes are taken in turn, and each search is written when it is done: what was interrupted goes on without ``--anew``,
+which begins a new table.
 """
 
 from __future__ import annotations
@@ -130,17 +130,15 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler that shares the work out")
     parser.add_argument("--out", type=Path, default=NULL_LEADS)
-    parser.add_argument("--anew", action="store_true", help="replace a table of other causes, settings or another seed")
+    parser.add_argument("--anew", action="store_true", help="begin a new table")
     words = parser.parse_args()
     if words.scheduler:
         reach(words.scheduler)
     table = new = blank(words.seed, TERMS, SearchSettings())
-    if words.out.exists():
+    if words.out.exists() and not words.anew:
         table = read_json(words.out, NullLeads)
         if plain(replace(table, leads=[], version="")) != plain(replace(new, leads=[], version="")):
-            if not words.anew:
-                raise InputError("is of other causes, settings or another seed", "begin again: --anew", file=words.out)
-            table = new
+            raise InputError("is of other causes, settings or another seed", "begin again: --anew", file=words.out)
     calls = wanted(table, [int(n) for n in words.sizes.split(",")], words.each)
     print(summary(fill(words.out, table, calls, TERMS, jobs=words.jobs, scheduler=words.scheduler)))
     return 0

@@ -24,7 +24,7 @@ class Sizes:
     """
 
     each: int = 1
-    nothing: int = 40
+    nothing: int = 100
     pairs: int = 24
     drawn: int = 46
     designs: int = 2

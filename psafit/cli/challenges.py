@@ -23,9 +23,10 @@ from psafit.cli.common import (
     write_result,
 )
 from psafit.errors import LARGEST_SEED, InputError
-from psafit.text import fixed
+from psafit.text import count, fixed
 
 if TYPE_CHECKING:
+    from psafit.challenge.score import Mean
     from psafit.experiment import Experiment
 
 _SEED = click.option("--seed", type=click.IntRange(0, LARGEST_SEED), required=True, help="Everything is drawn from it.")
@@ -195,16 +196,20 @@ def run(
 @challenge.command()
 @click.argument("folder", metavar="FOLDER", type=Place("input"))
 @click.option("--diagnosis", type=Place("input"), help="Folder of a diagnosis, where FOLDER is of challenge make.")
+@click.option("--against", type=Place("input"), help="A campaign of the same data sets, by another version.")
 @click.option("--out", type=Place("file"), help="HTML page; FOLDER/score.html by default for a campaign.")
 @QUIET
 @JSON
-def score(folder: Path, diagnosis: Path | None, out: Path | None, quiet: bool, json_file: Path | None) -> int:
+def score(
+    folder: Path, diagnosis: Path | None, against: Path | None, out: Path | None, quiet: bool, json_file: Path | None
+) -> int:
     """Score a campaign, or one diagnosis of a challenge.
 
     Ends with 1 where a target is missed.
     """
     from psafit.challenge.answer import ANSWER
     from psafit.challenge.campaign import CAMPAIGN, judge, load
+    from psafit.challenge.score import gained
     from psafit.challenge.score import score as judge_all
     from psafit.diagnose.record import RESULT
     from psafit.records import write_json
@@ -232,6 +237,9 @@ def score(folder: Path, diagnosis: Path | None, out: Path | None, quiet: bool, j
         if diagnosis is None:
             for t in found.targets:
                 click.echo(t.text)
+            click.echo(f"log score of the printed probabilities: {_nats(found.log_score)}")
+            if against is not None:
+                click.echo(f"above that campaign's: {_nats(gained(found.rows, judge_all(load(against)[1]).rows))}")
         else:
             row = found.rows[0]
             click.echo(f"hidden: {row.truth}, {fixed(row.gain, 1)} nats; verdict {row.verdict}, named {row.named}")
@@ -239,6 +247,14 @@ def score(folder: Path, diagnosis: Path | None, out: Path | None, quiet: bool, j
         if page is not None:
             click.echo(f"page: {shown_path(page)}")
     return CHECK_FAILED if diagnosis is None and any(t.holds is False for t in found.targets) else DONE
+
+
+def _nats(of: Mean) -> str:
+    """A mean of scores, with its interval."""
+    if of.mean is None:
+        return "no data set"
+    wide = "" if of.lower is None or of.upper is None else f", {fixed(of.lower, 2)} to {fixed(of.upper, 2)}"
+    return f"{fixed(of.mean, 2)} nats{wide} ({count(of.n, 'data set')})"
 
 
 __all__ = ["challenge"]

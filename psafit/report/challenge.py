@@ -10,7 +10,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from psafit.challenge.score import SEEN_NATS, GainBin, ProbabilityBin, Rate, Recovery, Score
+from psafit.challenge.score import SEEN_NATS, GainBin, Mean, ProbabilityBin, Rate, Recovery, Score
 from psafit.report.figures.axes import label as tick
 from psafit.report.page import figure_data_uri, render
 from psafit.report.style import PALETTE, WIDE, figure_style, new_figure
@@ -107,6 +107,10 @@ def _wanted(r: Rate) -> str:
     return f"; 95{NBSP}%: {_interval(r)}" if r.n else ""
 
 
+def _between(m: Mean) -> str:
+    return "" if m.lower is None or m.upper is None else f"; 95{NBSP}%: {fixed(m.lower, 2)} to {fixed(m.upper, 2)}"
+
+
 def _held(text: str) -> str:
     """Keep a number and its sign on one line."""
     return text.replace(" %", f"{NBSP}%")
@@ -154,14 +158,17 @@ def _tiles(score: Score) -> list[dict[str, str]]:
     def seconds(value: float | None) -> str:
         return "–" if value is None else f"{value:.1f}{NBSP}s"
 
-    alarms, covered, drawn = score.false_alarms, score.coverage, score.coverage_believed
+    alarms, covered, drawn, printed = score.false_alarms, score.coverage, score.coverage_believed, score.log_score
     return [
         {"value": _share(alarms.share),
          "label": f"false alarms of {count(alarms.n, 'data set')} with nothing hidden{_wanted(alarms)}"},
         {"value": _share(covered.share),
          "label": f"of {count(covered.n, 'parameter interval')} hold the truth{_wanted(covered)}"},
         {"value": _share(drawn.share),
-         "label": f"of {count(drawn.n, 'such interval')} whose truth was drawn from the priors{_wanted(drawn)}"},
+         "label": f"of {count(drawn.n, 'interval')} whose truth was drawn from the priors{_wanted(drawn)}"},
+        {"value": "–" if printed.mean is None else f"{fixed(printed.mean, 2)}{NBSP}nats",
+         "label": f"log score of the probabilities, of {count(printed.n, 'data set')}"
+         + _between(printed)},
         {"value": seconds(score.seconds["median"]), "label": "median time of a diagnosis"},
         {"value": seconds(score.seconds["p90"]), "label": "nine of ten are done by"},
     ]  # fmt: skip

@@ -11,7 +11,7 @@ from campaigns import result
 
 from psafit.challenge.answer import Place
 from psafit.challenge.campaign import PRIOR, Result
-from psafit.challenge.score import SHOWING_NATS, clustered, located, rate, reported_set, score
+from psafit.challenge.score import SHOWING_NATS, clustered, gained, located, rate, reported_set, score
 from psafit.model_search import SearchSettings
 
 
@@ -47,7 +47,7 @@ def test_single_causes_are_judged_by_the_set_and_by_the_name() -> None:
     assert [(b.detected.k, b.detected.n) for b in found.by_gain] == [(0, 1), (0, 0), (0, 0), (5, 5), (0, 0), (0, 0)]
     assert found.targets[2].holds is None
     assert [row.missed for row in found.rows] == [False, False, True, True, True, False]
-    assert found.targets[0].text.startswith("misses      80 %  (at least 95 %, 4 of 5)  single cause")
+    assert found.targets[0].text.startswith("misses      80 %  (at least 97 %, 4 of 5)  single cause")
 
 
 def test_false_alarms_are_counted() -> None:
@@ -69,7 +69,7 @@ def test_pairs_need_both() -> None:
     assert (target.rate.k, target.rate.n, target.holds) == (2, 3, False)
 
 
-def test_outside_effects_are_unexplained_or_located() -> None:
+def test_outside_effects_are_missed_where_they_are_adequate_or_explained() -> None:
     band = [Place(1, "frequency", 1000.0, 2000.0)]
     here = [{"group": 1, "variable": "frequency", "from": 900.0, "to": 1800.0, "text": ""}]
     there = [{"group": 1, "variable": "frequency", "from": 3000.0, "to": 9000.0, "text": ""}]
@@ -81,7 +81,7 @@ def test_outside_effects_are_unexplained_or_located() -> None:
         result([], outside="x", named=["a"], places=band, gain=5.0),
     ]
     found = score(results)
-    assert (found.targets[3].rate.k, found.targets[3].rate.n) == (2, 4)
+    assert (found.targets[3].rate.k, found.targets[3].rate.n) == (3, 4) and found.targets[3].holds is False
     assert found.outside == {"x": {"adequate": 1, "explained": 2, "located": 2, "unexplained": 1}}
     assert [row.missed for row in found.rows] == [False, False, True, True, False]
 
@@ -136,6 +136,33 @@ def test_probabilities_are_held_against_how_often_they_are_right() -> None:
     assert score([certain]).reliability[-1].right.n == 1
 
 
+def test_probabilities_have_a_proper_score() -> None:
+    def printed(truth: list[str], p: float, **more: Any) -> Result:
+        causes = [{"terms": ["a"], "probability": p}, {"terms": [], "probability": 0.1}]
+        return result(truth, named=["a"], causes=causes, **more)
+
+    listed, other = printed(["a"], 0.7), printed(["b"], 0.7)
+    found = score([listed, other, printed(["a"], 0.0), printed(["a"], 0.7, gain=2.0), printed([], 0.7, outside="x")])
+    logs = [row.log_score for row in found.rows]
+    # Of what is not listed all that is left; no less than is printed; what does not show is nothing.
+    assert logs[:4] == pytest.approx(np.log([0.7, 0.2, 1e-4, 0.1])) and logs[4] is None
+    assert found.log_score.n == 4 and found.log_score.mean == pytest.approx(np.mean(logs[:4]))
+    assert found.log_score.lower is not None and found.log_score.lower < found.log_score.mean
+    wrong = score([printed(["b"], 0.97)] * 2 + [printed(["a"], 0.97)] * 48).targets[7]
+    assert (wrong.rate.k, wrong.rate.n, wrong.holds) == (2, 50, False)
+
+
+def test_two_campaigns_are_compared_over_the_data_sets_that_both_have() -> None:
+    def campaign(p: float, n: int) -> list[Any]:
+        causes = [{"terms": ["a"], "probability": p}]
+        results = [result(["a"], named=["a"], causes=causes) for _ in range(n)]
+        return score([replace(r, spec=replace(r.spec, id=str(k))) for k, r in enumerate(results)]).rows
+
+    better = gained(campaign(0.8, 6), campaign(0.4, 4))
+    assert better.n == 4 and better.mean == better.lower == better.upper == pytest.approx(np.log(2))
+    assert gained(campaign(0.8, 3), []).mean is None
+
+
 def test_recovery_looks_at_what_was_named_right() -> None:
     def reported(truth: str, lower: float, upper: float) -> Result:
         parameters = {"tau": {"median": 0.5 * (lower + upper), "lower": lower, "upper": upper}, "other": 3}
@@ -148,6 +175,11 @@ def test_recovery_looks_at_what_was_named_right() -> None:
     both = score([drawn, reported("a", 2.5, 3.5)])
     assert (both.coverage.k, both.coverage.n) == (1, 2)
     assert (both.coverage_believed.k, both.coverage_believed.n) == (1, 1)
+    # Where another set leads, what both have counts, too.
+    other = reported("b", 1.0, 2.5)
+    other = replace(other, spec=replace(other.spec, level=PRIOR))
+    some = score([drawn, other])
+    assert (some.coverage_believed.n, some.targets[8].rate.n, some.coverage.n) == (2, 2, 1)
     (tau,) = found.recovery
     assert tau.name == "tau" and (tau.covered.k, tau.covered.n) == (1, 2) and found.coverage.n == 2
     assert tau.error == pytest.approx(np.median([-0.25 / 0.75, 1.0 / 0.5]))

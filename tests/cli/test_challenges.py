@@ -82,6 +82,8 @@ def test_a_campaign_by_command(known_folder: Path, tmp_path: Path, monkeypatch, 
     capsys.readouterr()
     assert run(monkeypatch, "challenge", "score", out, "--json", tmp_path / "score.json") in (0, 1)
     assert "page: " in capsys.readouterr().out
+    assert run(monkeypatch, "challenge", "score", out, "--against", out) in (0, 1)
+    assert "above that campaign's: 0.00 nats, 0.00 to 0.00 (2 data sets)" in capsys.readouterr().out
     score = json.loads((tmp_path / "score.json").read_text())
     assert len(score["rows"]) == n and {row["truth"] for row in score["rows"]} == {"nothing", "start_phase"}
     assert (out / "score.html").stat().st_size > 10_000
