@@ -13,18 +13,21 @@ voltage :math:`U`; near zero the stroke per volt is lower than :math:`q` by :mat
 With the first rise taken as the stroke, what the loop lacks is a state :math:`z = \zeta\, q \alpha/(1 + \alpha U)`,
 which for a falling voltage (a rising one is its mirror image) obeys
 
-.. math:: \frac{\mathrm d\zeta}{\mathrm du} = 4u - \sqrt{4u^2 - 2\zeta} \ (u > 0), \qquad -\sqrt{-2\zeta} \ (u < 0):
+.. math:: \frac{\mathrm d\zeta}{\mathrm du} = 4u - \sqrt{4u^2 - 2\zeta} \ (u > 0), \qquad
+    -\sqrt{-2\zeta} \ (u < 0,\ \zeta < 0), \qquad -u \ (u < 0,\ \zeta > 0):
 
-the turn :math:`u_t` is recovered from :math:`\zeta` and :math:`u`, a loop closes at :math:`-u_t`, and beyond it the
-first rise goes on. Assumed: no creep; of turns inside a loop only what :math:`\zeta` keeps is remembered. The first
-rise and the first fall are exact under any drive. A drive that is not symmetric about 0 V turns inside that loop: from
-its second rise on, each leaves the tip by some per cent further than a loop that closes would.
+the turn :math:`u_t` is recovered from :math:`\zeta` and :math:`u`. A loop closes at :math:`-u_t`, or, where the voltage
+came back to zero and no further, at :math:`u_t` (the third case, mirrored: a unipolar drive). Beyond it the first rise
+goes on. Assumed: no creep; of turns inside a loop only what :math:`\zeta` keeps is remembered. The first rise and the
+first fall are exact under any drive, and so are loops between :math:`\pm V` and between 0 and :math:`V`. Under a drive
+with a bias loops end where those of a larger first rise would.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 from psafit.parameters import Bounds, LogNormal, Normal, Parameter, Tailed
@@ -57,11 +60,13 @@ def branch(z0: float, u0: float, u: float, q: float, p: Any) -> float:
     if end < 0.0 and zeta < 0.0:
         left = max(math.sqrt(-2.0 * zeta) + (end - now), 0.0)
         zeta = -0.5 * left * left
+    elif end < 0.0:
+        zeta = max(zeta - 0.5 * (end * end - now * now), 0.0)
     return side * zeta * scale
 
 
-def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
-    """Stroke of the first rise, and the rate of what the loop lacks."""
+def literal(rig: ReferenceRig, p: Sequence[float], closed: float = 1e-6) -> None:
+    """Stroke of the first rise, and the rate of what the loop lacks; one that is open by `closed` at most is closed."""
     stroke, (alpha, full) = rig.stroke, p
     rig.stroke = lambda u: stroke(u) * (1 + alpha * abs(u)) / (1 + alpha * full)
     if alpha == 0:
@@ -71,16 +76,23 @@ def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
         scale = rig.q * alpha / (1 + alpha * full)
         sign = 1.0 if du < 0 else -1.0
         zeta, v = sign * z / scale, sign * u
-        slope = 4 * v - math.sqrt(max(4 * v * v - 2 * zeta, 0.0)) if v > 0 else -math.sqrt(max(-2 * zeta, 0.0))
+        if v > 0:
+            slope = 4 * v - math.sqrt(max(4 * v * v - 2 * zeta, 0.0))
+        elif zeta > closed * v * v:
+            slope = -v
+        else:
+            slope = -math.sqrt(max(-2 * zeta, 0.0))
         return scale * slope * du
 
     rig.memories.append(rate)
 
 
-def _stroke(u: float, turn: float, alpha: float, full: float, q: float) -> float:
-    """Stroke at `u` after a first rise to `turn`."""
-    z = branch(branch(0.0, 0.0, turn, q, [alpha, full]), turn, u, q, [alpha, full])
-    return q * u * stack_factor(abs(u), [alpha, full]) - z
+def _stroke(u: float, *turns: float, alpha: float = 0.01, full: float = 100.0, q: float = 1e-7) -> float:
+    """Stroke at `u` after a first rise and further turns."""
+    z, p = 0.0, [alpha, full]
+    for before, now in pairwise([0.0, *turns, u]):
+        z = branch(z, before, now, q, p)
+    return q * u * stack_factor(abs(u), p) - z
 
 
 TERM = Term(
@@ -127,24 +139,42 @@ TERM = Term(
     checks=(
         Check(
             "alpha = 0.01 1/V, U = 100 V, q = 0.1 um/V, first rise to 20 V: 2 um x 1.2/2 = 1.2 um",
-            lambda: _stroke(20.0, 20.0, 0.01, 100.0, 1e-7),
+            lambda: _stroke(20.0),
             1.2e-6,
         ),
         Check(
             "back at 0 V from there: 1.2 um - 0.05 um/V x (20 V + 0.005 x 400 V) = 1.2 - 1.1 = 0.1 um",
-            lambda: _stroke(0.0, 20.0, 0.01, 100.0, 1e-7),
+            lambda: _stroke(0.0, 20.0),
             1e-7,
             tolerance=1e-9,
         ),
         Check(
             "at -10 V: 1.2 um - 0.05 um/V x (30 V + 0.005 x 900 V) = 1.2 - 1.725 = -0.525 um",
-            lambda: _stroke(-10.0, 20.0, 0.01, 100.0, 1e-7),
+            lambda: _stroke(-10.0, 20.0),
             -5.25e-7,
             tolerance=1e-9,
         ),
         Check(
             "beyond -20 V the first rise goes on: at -30 V, 0.05 um/V x (30 V + 0.01 x 900 V) = 1.95 um",
-            lambda: -_stroke(-30.0, 20.0, 0.01, 100.0, 1e-7),
+            lambda: -_stroke(-30.0, 20.0),
+            1.95e-6,
+            tolerance=1e-9,
+        ),
+        Check(
+            "up again from 0 V to 10 V: 0.1 um + 0.05 um/V x (10 V + 0.005 x 100 V) = 0.625 um",
+            lambda: _stroke(10.0, 20.0, 0.0),
+            6.25e-7,
+            tolerance=1e-9,
+        ),
+        Check(
+            "a loop between 0 and 20 V closes: 1.2 um again at 20 V",
+            lambda: _stroke(20.0, 20.0, 0.0, 20.0, 0.0),
+            1.2e-6,
+            tolerance=1e-9,
+        ),
+        Check(
+            "beyond 20 V the first rise goes on: at 30 V, 0.05 um/V x (30 V + 0.01 x 900 V) = 1.95 um",
+            lambda: _stroke(30.0, 20.0, 0.0),
             1.95e-6,
             tolerance=1e-9,
         ),

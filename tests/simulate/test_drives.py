@@ -20,7 +20,14 @@ from psafit.simulate.sensitivity import plausible
 
 # Of what a drive makes of its command, every cause; one of each other slot.
 OF_THE_DRIVE = tuple((t.id,) for t in TERMS if t.slot in ("drive", "stack"))
-CAUSES = ((), *OF_THE_DRIVE, ("hertz_exponent",), ("sliding_support",), ("preload",))
+CAUSES = (
+    (),
+    *OF_THE_DRIVE,
+    ("anchored_stroke", "repeat_impacts"),
+    ("hertz_exponent",),
+    ("sliding_support",),
+    ("preload",),
+)
 CLOSED, STEPPED = 1e-8, 1e-6
 ATOM = 1e-10  # m
 
