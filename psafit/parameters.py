@@ -283,7 +283,8 @@ class Belief:
     ----------
     name : str
         Of the parameter.
-    prior : Normal or LogNormal
+    prior : Normal, LogNormal or Tailed
+        What somebody states is taken as it is stated; what follows from facts has heavy tails.
     source : str
         How it is known.
     file, line : Path and int, optional
@@ -295,7 +296,7 @@ class Belief:
     """
 
     name: str
-    prior: Normal | LogNormal
+    prior: Normal | LogNormal | Tailed
     source: str
     file: Path | None = field(default=None, compare=False)
     line: int | None = field(default=None, compare=False)
@@ -361,19 +362,17 @@ class Parameter:
         if prior.coordinate != self.prior.coordinate:
             words = "median and factor" if self.prior.coordinate == "log" else "mean and sd"
             raise ValueError(f"is given by {words}")
-        middle = prior.median if isinstance(prior, LogNormal) else prior.mean
+        core = prior.core if isinstance(prior, Tailed) else prior
+        middle = core.median if isinstance(core, LogNormal) else core.mean
         if not self.bounds.lower <= middle <= self.bounds.upper:
             raise ValueError(f"has its middle within {self.bounds.lower:g} to {self.bounds.upper:g} {self.unit}")
-        width = math.log(prior.factor) if isinstance(prior, LogNormal) else prior.sd
+        width = math.log(core.factor) if isinstance(core, LogNormal) else core.sd
         own = self.core
         usual = math.log(own.factor) if isinstance(own, LogNormal) else self.scale
         if not narrowest * usual <= width <= widest * usual:
             ends = [narrowest * usual, widest * usual]
             ends, word = ([math.exp(x) for x in ends], "factor") if prior.coordinate == "log" else (ends, "sd")
             raise ValueError(f"has a {word} from {ends[0]:.6g} to {ends[1]:.6g}")
-        if belief.derived:  # what a handbook says has its tails
-            tailed = replace(self.prior, core=prior) if isinstance(self.prior, Tailed) else prior
-            return replace(self, prior=tailed, source=belief.source)
         return replace(self, prior=prior, source=belief.source)
 
     @property

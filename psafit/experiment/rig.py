@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
-from psafit.parameters import Belief, LogNormal, Normal
+from psafit.parameters import Belief, LogNormal, Normal, Tailed
 
 if TYPE_CHECKING:
     from psafit.experiment.records import Constants
@@ -111,6 +111,8 @@ def hertz_stiffness(rig: Rig) -> float | None:
 def beliefs(rig: Rig, constants: Constants) -> tuple[Belief, ...]:
     """Priors that follow from what a rig is made of.
 
+    All have heavy tails: a handbook knows neither the glue nor the film on a face, and a fact may be mistaken.
+
     Parameters
     ----------
     rig : Rig
@@ -128,22 +130,22 @@ def beliefs(rig: Rig, constants: Constants) -> tuple[Belief, ...]:
             f" {rig.face_material}: {stiffness:.3g} N/m at 1 um; half of it, since rough or glued faces have a third,"
             " and a linear contact stands for depths of 0.1 to 1 um"
         )
-        found.append(Belief("k_c", LogNormal(0.5 * stiffness, 2.5), why, derived=True))
+        found.append(Belief("k_c", Tailed(LogNormal(0.5 * stiffness, 2.5)), why, derived=True))
     if rig.source_resistance is not None and rig.capacity is not None:
         lag = rig.source_resistance * rig.capacity
         why = (
             f"{rig.source_resistance:g} ohm into {rig.capacity:g} F: {lag:.3g} s; a quarter either way, since a stack's"
             " capacity has a tolerance of 20 % and grows with the field"
         )
-        found.append(Belief("amplifier_lag_tau", Normal(lag, 0.25 * lag), why, derived=True, probability=0.95))
+        found.append(Belief("amplifier_lag_tau", Tailed(Normal(lag, 0.25 * lag)), why, derived=True, probability=0.95))
     if rig.rated_voltage is not None:
         why = f"rated voltage of {rig.rated_voltage:g} V, at which the data sheet states the stroke"
-        found.append(Belief("anchored_voltage", LogNormal(rig.rated_voltage, 1.1), why, derived=True))
+        found.append(Belief("anchored_voltage", Tailed(LogNormal(rig.rated_voltage, 1.1)), why, derived=True))
     if rig.layer_thickness is not None:
         # Domain walls answer the field, not the voltage: what is usual of layers of 0.11 mm, by their thickness.
         per_volt = 1.1e-4 / rig.layer_thickness
         why = f"0.006 1/V of layers of 0.11 mm, in the field of layers of {1e3 * rig.layer_thickness:.3g} mm"
-        found.append(Belief("anchored_alpha", Normal(6e-3 * per_volt, 4e-3 * per_volt), why, derived=True))
+        found.append(Belief("anchored_alpha", Tailed(Normal(6e-3 * per_volt, 4e-3 * per_volt)), why, derived=True))
     why = f"2.5 degrees of a string of {1e3 * constants.l:.3g} mm, for whoever wants contact at every launch"
-    found.append(Belief("preload_offset", Normal(0.0, math.radians(2.5) * constants.l), why, derived=True))
+    found.append(Belief("preload_offset", Tailed(Normal(0.0, math.radians(2.5) * constants.l)), why, derived=True))
     return tuple(found)

@@ -13,7 +13,7 @@ from psafit.experiment import read_experiment, read_plan, write_experiment
 from psafit.experiment.rig import Rig, hertz_stiffness
 from psafit.inference.problem import Problem
 from psafit.parameters import Tailed
-from psafit.physics import terms
+from psafit.physics import informed, terms
 
 FACTS = """[rig]
 ball_material = "Steel"
@@ -39,14 +39,24 @@ def test_priors_follow_from_a_rig(tmp_path: Path) -> None:
     causes = terms(["amplifier_lag", "anchored_stroke", "preload", "gap"])
     problem = Problem(experiment, experiment.ids, causes)
     known = {p.name: p for p in problem.parameters}
-    assert known["k_c"].prior.describe() == "log-normal, median 2.82341e+06, factor 2.5 for one sd"
+    tail = "; 5 % in a Cauchy tail 3 times as wide"
+    assert known["k_c"].prior.describe() == f"log-normal, median 2.82341e+06, factor 2.5 for one sd{tail}"
     lag = known["amplifier_lag_tau"].prior
     assert isinstance(lag, Tailed) and lag.middle == pytest.approx((75e-6, 0.25 * 75e-6))
-    assert known["anchored_voltage"].prior.describe() == "log-normal, median 150, factor 1.1 for one sd"
+    assert known["anchored_voltage"].prior.describe() == f"log-normal, median 150, factor 1.1 for one sd{tail}"
     assert known["preload_offset"].source.startswith("2.5 degrees of a string of 90 mm")
     odds = {t.id: t.probability for t in problem.terms}
     usual = {t.id: t.probability for t in causes}
     assert odds == usual | {"amplifier_lag": 0.95}
+
+
+def test_what_follows_from_a_rig_makes_far_values_surprising_and_forbids_none(tmp_path: Path) -> None:
+    """A soft film on the face is known to no handbook: k_c of a hundredth costs a surprise, not 19 nats."""
+    experiment = read_experiment(write(tmp_path, TOML + FACTS))
+    (k_c, *_), _ = informed(experiment.beliefs, ())
+    most, *far = k_c.log_prior(k_c.to_sampling([2.8e6, 1e4, 1e3]))
+    assert all(5.0 < most - x < 12.0 for x in far)
+    assert all(isinstance(b.prior, Tailed) for b in experiment.beliefs)
 
 
 def test_what_is_stated_itself_comes_before_what_follows(tmp_path: Path) -> None:
