@@ -108,7 +108,7 @@ def hertz_stiffness(rig: Rig) -> float | None:
     return 4 / 3 * together * math.sqrt(rig.ball_radius * 1e-6)
 
 
-def beliefs(rig: Rig, constants: Constants) -> tuple[Belief, ...]:
+def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[Belief, ...]:
     """Priors that follow from what a rig is made of.
 
     All have heavy tails: a handbook knows neither the glue nor the film on a face, and a fact may be mistaken.
@@ -118,6 +118,9 @@ def beliefs(rig: Rig, constants: Constants) -> tuple[Belief, ...]:
     rig : Rig
     constants : Constants
         Those of the rig.
+    own_lag : float, s
+        What an amplifier lags behind without any load, and what no resistance says: 2 us are those of 80 kHz. Fast ones
+        have 0.3 us (PiezoDrive PD200X4, manual read: 470 kHz without load), bench-top controllers 10 us and more.
 
     Returns
     -------
@@ -135,9 +138,11 @@ def beliefs(rig: Rig, constants: Constants) -> tuple[Belief, ...]:
         lag = rig.source_resistance * rig.capacity
         why = (
             f"{rig.source_resistance:g} ohm into {rig.capacity:g} F: {lag:.3g} s; a quarter either way, since a stack's"
-            " capacity has a tolerance of 20 % and grows with the field"
+            f" capacity has a tolerance of 20 % and grows with the field, and {own_lag:g} s of an amplifier's own"
         )
-        found.append(Belief("amplifier_lag_tau", Tailed(Normal(lag, 0.25 * lag)), why, derived=True, probability=0.95))
+        known = Tailed(Normal(lag, math.hypot(0.25 * lag, own_lag)))
+        at_work = 0.95 if lag > own_lag else None  # a lag that no reading shows is no more likely to be named
+        found.append(Belief("amplifier_lag_tau", known, why, derived=True, probability=at_work))
     if rig.rated_voltage is not None:
         why = f"rated voltage of {rig.rated_voltage:g} V, at which the data sheet states the stroke"
         found.append(Belief("anchored_voltage", Tailed(LogNormal(rig.rated_voltage, 1.1)), why, derived=True))

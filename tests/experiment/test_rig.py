@@ -12,7 +12,7 @@ from psafit.errors import InputError
 from psafit.experiment import read_experiment, read_plan, write_experiment
 from psafit.experiment.rig import Rig, hertz_stiffness
 from psafit.inference.problem import Problem
-from psafit.parameters import Tailed
+from psafit.parameters import LogNormal, Tailed
 from psafit.physics import informed, terms
 
 FACTS = """[rig]
@@ -42,7 +42,7 @@ def test_priors_follow_from_a_rig(tmp_path: Path) -> None:
     tail = "; 5 % in a Cauchy tail 3 times as wide"
     assert known["k_c"].prior.describe() == f"log-normal, median 2.82341e+06, factor 2.5 for one sd{tail}"
     lag = known["amplifier_lag_tau"].prior
-    assert isinstance(lag, Tailed) and lag.middle == pytest.approx((75e-6, 0.25 * 75e-6))
+    assert isinstance(lag, Tailed) and lag.middle == pytest.approx((75e-6, np.hypot(0.25 * 75e-6, 2e-6)))
     assert known["anchored_voltage"].prior.describe() == f"log-normal, median 150, factor 1.1 for one sd{tail}"
     assert known["preload_offset"].source.startswith("2.5 degrees of a string of 90 mm")
     odds = {t.id: t.probability for t in problem.terms}
@@ -145,9 +145,21 @@ def test_facts_beyond_any_rig_are_refused(tmp_path: Path, fact: str) -> None:
     assert error.line == lines.index(fact) + 1
 
 
-def test_a_lag_of_nothing_follows_from_no_rig(tmp_path: Path) -> None:
-    """Fifty ohm that were given in kilo-ohms would all but forbid the lag that there is."""
-    place = write(tmp_path, TOML + FACTS.replace("source_resistance = 50", "source_resistance = 0.05"))
-    experiment = read_experiment(place)
-    with pytest.raises(InputError, match=r"0.05 ohm into 1.5e-06 F: 7.5e-08 s; correct the fact .* has a sd from"):
-        Problem(experiment, experiment.ids)
+@pytest.mark.parametrize(("ohm", "farad"), [(1, 180e-9), (50, 6e-9), (0.5, 20e-9), (0.05, 1.5e-6), (1e-6, 1e-15)])
+def test_a_good_amplifier_leaves_a_lag_of_its_own(tmp_path: Path, ohm: float, farad: float) -> None:
+    """Microseconds, which no resistance says. Nothing of it shows, so that it is no more likely to be at work."""
+    facts = FACTS.replace("source_resistance = 50", f"source_resistance = {ohm}")
+    experiment = read_experiment(write(tmp_path, TOML + facts.replace("1.5e-6", f"{farad}")))
+    (lag,) = Problem(experiment, experiment.ids, terms(["amplifier_lag"])).terms
+    assert isinstance(lag.strength.prior, Tailed) and lag.strength.prior.middle[1] == pytest.approx(2e-6, rel=1e-3)
+    assert lag.probability == terms(["amplifier_lag"])[0].probability
+    assert not lag.strength.is_implausible(0.0) and not lag.strength.is_implausible(4e-6)
+
+
+def test_every_rating_that_may_be_is_believed(tmp_path: Path) -> None:
+    """Up to the bounds of the voltage, whatever they are."""
+    (usual,) = (p for p in terms(["anchored_stroke"])[0].parameters if p.name == "anchored_voltage")
+    for volts in (usual.bounds.lower, usual.bounds.upper):
+        experiment = read_experiment(write(tmp_path / f"{volts:g}", f"{TOML}[rig]\nrated_voltage = {volts!r}\n"))
+        known = {p.name: p for p in Problem(experiment, experiment.ids, terms(["anchored_stroke"])).parameters}
+        assert known[usual.name].prior == Tailed(LogNormal(volts, 1.1))
