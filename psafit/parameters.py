@@ -290,7 +290,8 @@ class Belief:
     file, line : Path and int, optional
         Where it stands, for messages.
     probability : float, optional
-        That the cause of the parameter is at work, in the place of what its file declares.
+        That the cause of the parameter is at work, in the place of what its file declares. Where several are given for
+        one cause, what is stated comes before what follows from the rig, and the greatest before others.
     derived : bool
         Whether it follows from what the rig is made of, and was not stated itself.
     """

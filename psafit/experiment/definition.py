@@ -7,6 +7,7 @@ import math
 import re
 import stat
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
@@ -296,10 +297,18 @@ class Definition:
         faults.end()
         return Rig(**facts)
 
-    def followed(self, rig: Rig, constants: Constants) -> tuple[Belief, ...]:
-        """What is known of parameters from what the rig is made of, with the place of that table."""
+    def known(self, stated: Sequence[Belief], rig: Rig | None, constants: Constants) -> tuple[Belief, ...]:
+        """What is known of parameters: what follows from the rig, and in its place what is stated.
+
+        A stated prior says which values are plausible. Whether the cause is at work follows from the rig nevertheless,
+        where that is not stated as well.
+        """
         line = self._line("rig")
-        return tuple(replace(b, file=self.file, line=line) for b in rig_beliefs(rig, constants))
+        followed = [replace(b, file=self.file, line=line) for b in (rig_beliefs(rig, constants) if rig else ())]
+        at_work = {b.name: b.probability for b in followed}
+        own = [b if b.probability else replace(b, probability=at_work.get(b.name)) for b in stated]
+        names = {b.name for b in stated}
+        return (*(b for b in followed if b.name not in names), *own)
 
     def _material(self, name: str, value: object) -> str:
         if not isinstance(value, str) or value.lower() not in MATERIALS:
@@ -332,26 +341,29 @@ class Definition:
         place = ("prior", name)
         if not isinstance(table, dict):
             raise self.error(f"prior of {shown(name)} is no table", _PRIOR, *place)
-        self.known_keys(table, ("median", "factor", "mean", "sd", "source"), *place)
-        given = set(table) - {"source"}
+        self.known_keys(table, ("median", "factor", "mean", "sd", "source", "probability"), *place)
+        given = set(table) - {"source", "probability"}
         if given not in ({"median", "factor"}, {"mean", "sd"}):
             raise self.error(f"prior of {shown(name)} has {listed(sorted(given)) or 'no numbers'}", _PRIOR, *place)
         source = table.get("source")
         if not isinstance(source, str) or not one_line(source):
             raise self.error(f"prior of {shown(name)} has no source", 'write source = "how it is known"', *place)
         numbers, faults = {}, Faults()
-        for key in sorted(given):
+        for key in sorted(set(table) - {"source"}):
             with faults.kept():
                 numbers[key] = self._belief_number(name, key, table[key])
         faults.end()
+        probability = numbers.pop("probability", None)
         prior = LogNormal(**numbers) if "median" in numbers else Normal(**numbers)
-        return Belief(name, prior, one_line(source), self.file, self._line(*place))
+        return Belief(name, prior, one_line(source), self.file, self._line(*place), probability)
 
     def _belief_number(self, name: str, key: str, value: object) -> float:
-        least = {"median": 0.0, "factor": 1.0, "sd": 0.0}.get(key, -math.inf)
+        least = {"median": 0.0, "factor": 1.0, "sd": 0.0, "probability": 0.0}.get(key, -math.inf)
+        most = 1.0 if key == "probability" else math.inf
         number = _number(value)
-        if number is None or not (math.isfinite(number) and number > least):
+        if number is None or not (math.isfinite(number) and least < number < most):
             what = "a finite number" if math.isinf(least) else f"a finite number above {least:g}"
+            what += f" and below {most:g}" if math.isfinite(most) else ""
             raise self.error(f"prior of {shown(name)}: {key} is not {what}", _PRIOR, "prior", name, key)
         return number
 

@@ -14,7 +14,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.drives import Drive
 from psafit.experiment.records import DEFINITION, Constants, Group
-from psafit.experiment.rig import MATERIALS, Rig
+from psafit.experiment.rig import MATERIALS, Rig, is_rated_stroke
 from psafit.experiment.table import read_csv, readings_of
 from psafit.experiment.text import one_line
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, Observable
@@ -87,15 +87,12 @@ def suspicious_facts(rig: Rig, constants: Constants) -> list[str]:
         if value is not None and not low <= value <= high:
             found.append(f"{name} = {value:g} {unit} is outside {low:g} to {high:g}; is it given in {other}?")
     found += _suspicious_ball(rig, constants)
-    per_volt = constants.q
-    if rig.rated_stroke is not None and rig.rated_voltage is not None:
-        per_volt = rig.rated_stroke / rig.rated_voltage
-    if 0.75 <= per_volt / constants.q <= 1.33:
+    if rig.rated_stroke is None or rig.rated_voltage is None or is_rated_stroke(rig, constants):
         found += _suspicious_stack(rig, constants)
     else:
         found.append(
-            f"rated_stroke over rated_voltage is {per_volt:.3g} m/V, constant q = {constants.q:g} m/V; they should be"
-            " the same"
+            f"rated_stroke over rated_voltage is {rig.rated_stroke / rig.rated_voltage:.3g} m/V, constant"
+            f" q = {constants.q:g} m/V; they should be the same"
         )
     return [f"{DEFINITION}: [rig] {text}" for text in found]
 

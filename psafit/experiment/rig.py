@@ -108,6 +108,24 @@ def hertz_stiffness(rig: Rig) -> float | None:
     return 4 / 3 * together * math.sqrt(rig.ball_radius * 1e-6)
 
 
+def is_rated_stroke(rig: Rig, constants: Constants, factor: float = 1.33) -> bool:
+    """Whether the constant `q` is the data sheet's stroke at full voltage over that voltage.
+
+    Then the stroke per volt is less at small fields, as of all soft PZT; stacks of hard PZT and of single crystals are
+    the rare others.
+
+    Parameters
+    ----------
+    rig : Rig
+    constants : Constants
+    factor : float
+        They are the same to within this factor: strokes of one type differ by 12-17 %, and are rounded.
+    """
+    if rig.rated_stroke is None or rig.rated_voltage is None:
+        return False
+    return 1 / factor <= rig.rated_stroke / rig.rated_voltage / constants.q <= factor
+
+
 def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[Belief, ...]:
     """Priors that follow from what a rig is made of.
 
@@ -145,12 +163,16 @@ def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[B
         found.append(Belief("amplifier_lag_tau", known, why, derived=True, probability=at_work))
     if rig.rated_voltage is not None:
         why = f"rated voltage of {rig.rated_voltage:g} V, at which the data sheet states the stroke"
-        found.append(Belief("anchored_voltage", Tailed(LogNormal(rig.rated_voltage, 1.1)), why, derived=True))
+        at_work = 0.7 if is_rated_stroke(rig, constants) else None
+        known = Tailed(LogNormal(rig.rated_voltage, 1.1))
+        found.append(Belief("anchored_voltage", known, why, derived=True, probability=at_work))
     if rig.layer_thickness is not None:
         # Domain walls answer the field, not the voltage: what is usual of layers of 0.11 mm, by their thickness.
         per_volt = 1.1e-4 / rig.layer_thickness
         why = f"0.006 1/V of layers of 0.11 mm, in the field of layers of {1e3 * rig.layer_thickness:.3g} mm"
-        found.append(Belief("anchored_alpha", Tailed(Normal(6e-3 * per_volt, 4e-3 * per_volt)), why, derived=True))
+        known = Tailed(Normal(6e-3 * per_volt, 4e-3 * per_volt))
+        found += [Belief(name, known, why, derived=True) for name in ("anchored_alpha", "field_d33_alpha")]
     why = f"2.5 degrees of a string of {1e3 * constants.l:.3g} mm, for whoever wants contact at every launch"
-    found.append(Belief("preload_offset", Tailed(Normal(0.0, math.radians(2.5) * constants.l)), why, derived=True))
+    known = Tailed(Normal(0.0, math.radians(2.5) * constants.l))
+    found += [Belief(name, known, why, derived=True) for name in ("preload_offset", "session_lean_offset")]
     return tuple(found)

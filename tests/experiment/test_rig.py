@@ -12,7 +12,7 @@ from psafit.errors import InputError
 from psafit.experiment import read_experiment, read_plan, write_experiment
 from psafit.experiment.rig import Rig, hertz_stiffness
 from psafit.inference.problem import Problem
-from psafit.parameters import LogNormal, Tailed
+from psafit.parameters import LogNormal, Normal, Tailed
 from psafit.physics import informed, terms
 
 FACTS = """[rig]
@@ -47,7 +47,57 @@ def test_priors_follow_from_a_rig(tmp_path: Path) -> None:
     assert known["preload_offset"].source.startswith("2.5 degrees of a string of 90 mm")
     odds = {t.id: t.probability for t in problem.terms}
     usual = {t.id: t.probability for t in causes}
-    assert odds == usual | {"amplifier_lag": 0.95}
+    assert odds == usual | {"amplifier_lag": 0.95, "anchored_stroke": 0.7}
+
+
+def test_one_fact_sets_every_parameter_that_it_is_about(tmp_path: Path) -> None:
+    """Layers half as thick double the field; half the string halves a lean of 2.5 degrees."""
+    toml = (TOML + FACTS).replace("l = 0.09", "l = 0.045").replace("thickness = 1.1e-4", "thickness = 5.5e-5")
+    experiment = read_experiment(write(tmp_path, toml))
+    both = informed(experiment.beliefs, terms(["anchored_stroke", "field_dependent_d33", "preload", "session_lean"]))[1]
+    known = {p.name: p.prior for t in both for p in t.parameters}
+    assert known["field_d33_alpha"] == known["anchored_alpha"] == Tailed(Normal(0.012, 0.008))
+    assert known["session_lean_offset"] == known["preload_offset"] == Tailed(Normal(0.0, np.pi / 72 * 0.045))
+
+
+@pytest.mark.parametrize(
+    ("toml", "odds"),
+    [
+        (TOML + FACTS.replace("rated_stroke = 17.4e-6", ""), 0.3),  # where q comes from is not said
+        (TOML + FACTS.replace("rated_stroke = 17.4e-6", "rated_stroke = 26e-6"), 0.3),  # q is not the data sheet's
+        (TOML + FACTS + '[prior.anchored_alpha]\nmean = 0.01\nsd = 0.01\nsource = "x"\n', 0.7),
+        (TOML + FACTS + '[prior.anchored_voltage]\nmedian = 150\nfactor = 1.2\nsource = "x"\n', 0.7),
+        (
+            TOML + FACTS + '[prior.anchored_alpha]\nmean = 0.01\nsd = 0.01\nsource = "x"\nprobability = 0.1\n',
+            0.1,
+        ),
+    ],
+)
+def test_how_probable_a_cause_is_follows_from_the_rig_unless_it_is_stated(
+    tmp_path: Path, toml: str, odds: float
+) -> None:
+    """A stated prior is about values. The definition is written with it, as it was or anew."""
+    first = read_experiment(write(tmp_path / "a", toml))
+    (cause,) = informed(first.beliefs, terms(["anchored_stroke"]))[1]
+    assert cause.probability == odds
+    write_experiment(first, tmp_path / "b")
+    assert (tmp_path / "b" / "experiment.toml").read_text("utf-8").startswith(toml.rstrip())
+    (tmp_path / "a" / "experiment.toml").unlink()
+    write_experiment(first, tmp_path / "c")
+    assert read_plan(tmp_path / "b").beliefs == read_plan(tmp_path / "c").beliefs == first.beliefs
+
+
+@pytest.mark.parametrize(
+    ("name", "probability", "said"),
+    [
+        ("k_c", "0.9", "k_c is of the model itself, which is always at work"),
+        ("gap", "1", "probability is not a finite number above 0 and below 1"),
+    ],
+)
+def test_a_probability_that_cannot_be_is_refused(tmp_path: Path, name: str, probability: str, said: str) -> None:
+    toml = f'{TOML}[prior.{name}]\nmedian = 4e6\nfactor = 2\nsource = "x"\nprobability = {probability}\n'
+    with pytest.raises(InputError, match=said):
+        informed(read_experiment(write(tmp_path, toml)).beliefs, ())
 
 
 def test_what_follows_from_a_rig_makes_far_values_surprising_and_forbids_none(tmp_path: Path) -> None:
