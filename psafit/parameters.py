@@ -304,6 +304,11 @@ class Belief:
     probability: float | None = None
     derived: bool = False
 
+    def describe(self) -> str:
+        """Words for tables."""
+        at_work = "" if self.probability is None else f"; at work: {self.probability:g}"
+        return f"{self.prior.describe()}{at_work}"
+
 
 @dataclass(frozen=True)
 class Parameter:

@@ -59,6 +59,7 @@ def test_what_is_known_of_the_rig_is_read(tmp_path: Path) -> None:
     assert experiment.beliefs == beliefs and [b.line for b in experiment.beliefs] == [21, 25]
     assert read_plan(tmp_path / "two").beliefs == beliefs
     reported = {"name": "k_c", "prior": "log-normal, median 4e+06, factor 1.5 for one sd", "source": "Hertz"}
+    reported["derived"] = False
     assert describe(experiment)["priors"][0] == reported
     write_experiment(experiment, tmp_path / "again")
     again = read_experiment(tmp_path / "again")

@@ -9,11 +9,11 @@ import pytest
 from folders import TOML, refusal, write
 
 from psafit.errors import InputError
-from psafit.experiment import read_experiment, read_plan, write_experiment
+from psafit.experiment import describe, read_experiment, read_plan, write_experiment
 from psafit.experiment.rig import Rig, hertz_stiffness
 from psafit.inference.problem import Problem
 from psafit.parameters import LogNormal, Normal, Tailed
-from psafit.physics import informed, terms
+from psafit.physics import TERMS, informed, terms
 
 FACTS = """[rig]
 ball_material = "Steel"
@@ -48,6 +48,17 @@ def test_priors_follow_from_a_rig(tmp_path: Path) -> None:
     odds = {t.id: t.probability for t in problem.terms}
     usual = {t.id: t.probability for t in causes}
     assert odds == usual | {"amplifier_lag": 0.95, "anchored_stroke": 0.7}
+
+
+def test_what_is_reported_of_a_rig_is_what_is_used(tmp_path: Path) -> None:
+    """Every prior with its tail, and how probable a cause has become."""
+    experiment = read_experiment(write(tmp_path, TOML + FACTS))
+    plain, causes = informed(experiment.beliefs, TERMS)
+    used = {p.name: p.prior.describe() for p in (*plain, *(p for t in causes for p in t.parameters))}
+    lines = {known["name"]: known["prior"] for known in describe(experiment)["priors"]}
+    at_work = {"amplifier_lag_tau": "; at work: 0.95", "anchored_voltage": "; at work: 0.7"}
+    assert lines == {name: used[name] + at_work.get(name, "") for name in lines} and len(lines) == 7
+    assert all(known["derived"] for known in describe(experiment)["priors"])
 
 
 def test_one_fact_sets_every_parameter_that_it_is_about(tmp_path: Path) -> None:
