@@ -137,7 +137,7 @@ def test_a_rig_is_written_as_it_was_read(tmp_path: Path) -> None:
 
 DOUBTS = {
     "ball_radius = 0.0094": ("ball_radius = 0.0188", "a steel ball of radius 0.0188 m weighs 0.218 kg"),
-    "source_resistance = 50": ("source_resistance = 0.05", "is it given in kilo-ohms?"),
+    "source_resistance = 50": ("source_resistance = 0.6", "is it given in kilo-ohms?"),
     "capacity = 1.5e-6": ("capacity = 1.5", "is it given in uF or nF?"),
     "rated_stroke = 17.4e-6": ("rated_stroke = 8.7e-6", "rated_stroke over rated_voltage is 5.8e-08 m/V"),
 }
@@ -172,6 +172,56 @@ def test_a_stroke_in_another_unit_is_not_taken_for_a_swap(tmp_path: Path) -> Non
     facts = FACTS.replace("rated_stroke = 17.4e-6", "rated_stroke = 17.4e-5")
     (warning,) = read_experiment(write(tmp_path, TOML + facts)).warnings
     assert "rated_stroke over rated_voltage" in warning
+
+
+FAR = {
+    "source_resistance": ("0.05", "is it given in kilo-ohms?", "1e6", "is it given in milliohms?"),
+    "rated_voltage": ("0.15", "is it given in kV?", "1.5e5", "is it given in mV?"),
+    "rated_stroke": ("1.2e-8", "is it the stroke per volt?", "0.0174", "is it given in um or mm?"),
+    "capacity": ("1.5e-12", "is a power of ten wrong?", "1.5", "is it given in uF or nF?"),
+    "layer_thickness": ("1.1e-7", "is a power of ten wrong?", "0.11", "is it given in um or mm?"),
+}
+
+
+@pytest.mark.parametrize("name", FAR)
+def test_a_fact_too_small_is_asked_for_another_unit_than_one_too_large(tmp_path: Path, name: str) -> None:
+    small, below, large, above = FAR[name]
+    for value, question in ((small, below), (large, above)):
+        folder = write(tmp_path / value, f"{TOML}[rig]\n{name} = {value}\n")
+        (said,) = (w for w in read_experiment(folder).warnings if f"[rig] {name} = " in w and " is outside " in w)
+        assert said.endswith(question)
+
+
+@pytest.mark.parametrize(
+    ("facts", "said"),
+    [
+        ("rated_voltage = 150\nlayer_thickness = 1.1e-3", "rated_voltage over layer_thickness is 0.136 kV/mm"),
+        ("rated_voltage = 1500\nlayer_thickness = 1.1e-4", "rated_voltage over layer_thickness is 13.6 kV/mm"),
+        ("rated_voltage = 1000\nlayer_thickness = 1e-3", ""),
+        ("rated_voltage = 100\nlayer_thickness = 25e-6", ""),
+        ("rated_voltage = 20", ""),
+        ("rated_voltage = 15", "rated_voltage = 15 V is below the drive of group 1, which reaches 20 V"),
+    ],
+)
+def test_a_rating_is_held_against_layers_and_drive(tmp_path: Path, facts: str, said: str) -> None:
+    """By hand: 150 V over 1.1 mm is 0.136 kV/mm; the readings go up to 20 V."""
+    warnings = read_experiment(write(tmp_path, f"{TOML}[rig]\n{facts}\n")).warnings
+    assert [said in w for w in warnings] == [True] * bool(said)
+
+
+@pytest.mark.parametrize(
+    ("keys", "reaches"),
+    [
+        ("bias_v = 10", 30),
+        ("bias_v = -10", 30),
+        ("idle_v = -40", 40),
+        ('waveform = "unipolar_sine"\nbias_v = -10', 20),  # of the other group
+    ],
+)
+def test_a_bias_counts_towards_the_rating(tmp_path: Path, keys: str, reaches: int) -> None:
+    toml = TOML.replace('waveform = "sine"', keys if "waveform" in keys else f'waveform = "sine"\n{keys}')
+    (said,) = read_experiment(write(tmp_path, f"{toml}[rig]\nrated_voltage = 19\n")).warnings
+    assert said.endswith(f"which reaches {reaches} V; is one of them wrong?")
 
 
 @pytest.mark.parametrize("fact", DOUBTS)
