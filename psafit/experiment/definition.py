@@ -16,10 +16,10 @@ from psafit.drives import NAMES, TABLE, Drive, Table, instead
 from psafit.errors import Faults, InputError
 from psafit.experiment.drive_table import SETTING_LIMITS, read_drive
 from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId
-from psafit.experiment.rig import MATERIALS, Rig
+from psafit.experiment.rig import ALIASES, MATERIALS, Rig, material_named
 from psafit.experiment.rig import beliefs as rig_beliefs
 from psafit.experiment.table import LIMITS as COLUMN_LIMITS
-from psafit.experiment.text import listed, one_line, read_text, shown, unreadable
+from psafit.experiment.text import did_you_mean, listed, one_line, read_text, shown, unreadable
 from psafit.parameters import Belief, LogNormal, Normal
 
 MAX_ID = 999_999_999
@@ -311,11 +311,12 @@ class Definition:
         return (*(b for b in followed if b.name not in names), *own)
 
     def _material(self, name: str, value: object) -> str:
-        if not isinstance(value, str) or value.lower() not in MATERIALS:
-            shown_value = shown(value) if isinstance(value, str) else "no text"
-            remedy = f"known are {listed(MATERIALS)}; or leave it out and state [prior.k_c]"
-            raise self.error(f"{name} is {shown_value}", remedy, "rig", name)
-        return value.lower()
+        if not isinstance(value, str):
+            raise self.error(f"{name} is no text", f"write it in quotes: {listed(MATERIALS)}", "rig", name)
+        if known := material_named(value):
+            return known
+        near = did_you_mean(value.casefold(), [*MATERIALS, *ALIASES])
+        raise self.error(f"{name} is {shown(value)}", f"{near}; or leave it out and state [prior.k_c]", "rig", name)
 
     def _fact(self, name: str, value: object) -> float:
         number = _number(value)

@@ -6,7 +6,10 @@ wide priors hold.
 
 Elastic moduli and densities are the middles of handbook ranges (R. C. Hibbeler, Mechanics of Materials, tables of
 average properties, and the tables of ecoursesbook.com, both read for metals, glass and nylon; PZT: 1/s33 of the
-constants of PZT-5H; alumina, silicon nitride and tungsten carbide: makers' usual figures, not verified).
+constants of PZT-5H; alumina, silicon nitride and zirconia: tables of Lily Bearing and Kientec, read, but for zirconia's
+Poisson's ratio; tungsten carbide: makers' usual figures, not verified). Chrome steel is a steel: 100Cr6 has 190-210
+GPa, 0.27-0.30 and 7.83 g/cm^3 (data sheets, read). Sapphire and ruby are one crystal, of 330-450 GPa by direction and
+0.28 (makeitfrom.com and a maker's table, read).
 """
 
 from __future__ import annotations
@@ -57,8 +60,25 @@ MATERIALS = {
     "alumina": Material(370e9, 0.22, 3900),
     "silicon nitride": Material(310e9, 0.27, 3200),
     "tungsten carbide": Material(600e9, 0.22, 15000),
+    "zirconia": Material(205e9, 0.30, 6050),
+    "sapphire": Material(400e9, 0.28, 3990),
 }
 """Materials of balls and faces."""
+ALIASES = {
+    "aluminum": "aluminium",
+    "bearing steel": "steel",
+    "chrome steel": "steel",
+    "100cr6": "steel",
+    "ruby": "sapphire",
+}
+"""Other names of the same materials."""
+
+
+def material_named(text: str) -> str | None:
+    """The name, among `MATERIALS`, of what somebody calls `Stainless_Steel` or `aluminum`; None if it is none."""
+    name = " ".join(text.casefold().replace("_", " ").replace("-", " ").split())
+    name = ALIASES.get(name, name)
+    return name if name in MATERIALS else None
 
 
 @dataclass(frozen=True)

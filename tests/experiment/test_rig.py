@@ -34,6 +34,32 @@ def test_hertz_contact_is_that_of_a_hand_calculation() -> None:
     assert hertz_stiffness(Rig(ball_material="steel", ball_radius=9.4e-3)) is None
 
 
+@pytest.mark.parametrize(
+    ("said", "meant"),
+    [
+        ("aluminum", "aluminium"),
+        ("stainless_steel", "stainless steel"),
+        ("Chrome-Steel", "steel"),
+        ("100Cr6", "steel"),
+        ("Ruby", "sapphire"),
+        ("zirconia", "zirconia"),
+    ],
+)
+def test_a_material_has_other_names(tmp_path: Path, said: str, meant: str) -> None:
+    rig = read_experiment(write(tmp_path, f'{TOML}[rig]\nball_material = "{said}"\n')).rig
+    assert rig is not None and rig.ball_material == meant
+
+
+@pytest.mark.parametrize(
+    ("material", "stiffness"),
+    [("zirconia", 5.654), ("sapphire", 6.237)],
+)
+def test_contact_of_other_balls(material: str, stiffness: float) -> None:
+    """By hand, on PZT's 54.28 GPa: 205/(1 - 0.3^2) = 225.3, 400/(1 - 0.28^2) = 434.0 GPa."""
+    rig = Rig(ball_material=material, face_material="pzt", ball_radius=9.4e-3)
+    assert hertz_stiffness(rig) == pytest.approx(1e6 * stiffness, rel=1e-3)
+
+
 def test_priors_follow_from_a_rig(tmp_path: Path) -> None:
     experiment = read_experiment(write(tmp_path, TOML + FACTS))
     causes = terms(["amplifier_lag", "anchored_stroke", "preload", "gap"])
