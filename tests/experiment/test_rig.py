@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from psafit.experiment import describe, read_experiment, read_plan, write_experi
 from psafit.experiment.rig import Rig, hertz_stiffness
 from psafit.inference.problem import Problem
 from psafit.parameters import LogNormal, Normal, Tailed
-from psafit.physics import TERMS, informed, terms
+from psafit.physics import TERMS, baseline, informed, terms
 
 FACTS = """[rig]
 ball_material = "Steel"
@@ -32,6 +33,13 @@ def test_hertz_contact_is_that_of_a_hand_calculation() -> None:
     rig = Rig(ball_material="steel", face_material="pzt", ball_radius=9.4e-3)
     assert hertz_stiffness(rig) == pytest.approx(4 / 3 * 43.68e9 * np.sqrt(9.4e-9), rel=1e-3)
     assert hertz_stiffness(Rig(ball_material="steel", ball_radius=9.4e-3)) is None
+
+
+def test_the_usual_prior_of_the_contact_is_of_the_same_solids() -> None:
+    """What `psafit terms k_c` says of steel on PZT is what follows from a rig of steel on PZT."""
+    stated = re.search(r"that is (\S+) MN/m at a micrometre", baseline.PARAMETERS[0].source)
+    found = hertz_stiffness(Rig(ball_material="steel", face_material="pzt", ball_radius=9.4e-3))
+    assert stated and found == pytest.approx(1e6 * float(stated[1]), rel=1e-3)
 
 
 @pytest.mark.parametrize(
