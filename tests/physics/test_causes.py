@@ -139,6 +139,12 @@ def test_the_declaration_can_be_printed(cause: Term) -> None:
     holds(contract.declaration(cause))
 
 
+@CAUSES
+def test_how_probable_a_cause_is_has_a_reason(cause: Term) -> None:
+    """Also that of a surprise: what would make it strong, and why that is rare."""
+    assert len(cause.because.split()) > 8 and cause.because[0].islower() and not cause.because.endswith(".")
+
+
 @pytest.mark.parametrize("cause", [t for t in TERMS if t.law], ids=lambda t: t.id)
 def test_derivatives_of_a_law(cause: Term) -> None:
     """Of a law on its own, and of one that follows each other law."""
