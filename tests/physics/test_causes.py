@@ -201,6 +201,10 @@ def test_the_page_of_the_causes_is_up_to_date() -> None:
     written = make.PAGE.read_text("utf-8")
     computed = written.split(make.BEGIN)[1].split(make.END)[0].strip()
     assert written == make.page(computed), "run python docs/make_causes.py --text"
+    # What may show without being modelled is never listed without the measurement that would show it.
+    _, listed = written.split("\n## What is not modelled and may show\n")
+    effects = listed.split("\n- **")[1:]
+    assert len(effects) == 3 and all("*What would show it:*" in effect for effect in effects)
     figures = re.findall(r"!\[.*\]\((.*)\)", written)
     sizes = [(ROOT / "docs" / name).stat().st_size for name in figures]
     assert len(figures) == len(TERMS) + 1 and max(sizes) < 60e3 and sum(sizes) < 1.5e6
