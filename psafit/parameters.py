@@ -283,24 +283,31 @@ class Belief:
     ----------
     name : str
         Of the parameter.
-    prior : Normal or LogNormal
+    prior : Normal, LogNormal or Tailed
+        What somebody states is taken as it is stated; what follows from facts has heavy tails.
     source : str
         How it is known.
     file, line : Path and int, optional
         Where it stands, for messages.
     probability : float, optional
-        That the cause of the parameter is at work, in the place of what its file declares.
+        That the cause of the parameter is at work, in the place of what its file declares. Where several are given for
+        one cause, what is stated comes before what follows from the rig, and the greatest before others.
     derived : bool
         Whether it follows from what the rig is made of, and was not stated itself.
     """
 
     name: str
-    prior: Normal | LogNormal
+    prior: Normal | LogNormal | Tailed
     source: str
     file: Path | None = field(default=None, compare=False)
     line: int | None = field(default=None, compare=False)
     probability: float | None = None
     derived: bool = False
+
+    def describe(self) -> str:
+        """Words for tables."""
+        at_work = "" if self.probability is None else f"; at work: {self.probability:g}"
+        return f"{self.prior.describe()}{at_work}"
 
 
 @dataclass(frozen=True)
@@ -361,19 +368,17 @@ class Parameter:
         if prior.coordinate != self.prior.coordinate:
             words = "median and factor" if self.prior.coordinate == "log" else "mean and sd"
             raise ValueError(f"is given by {words}")
-        middle = prior.median if isinstance(prior, LogNormal) else prior.mean
+        core = prior.core if isinstance(prior, Tailed) else prior
+        middle = core.median if isinstance(core, LogNormal) else core.mean
         if not self.bounds.lower <= middle <= self.bounds.upper:
             raise ValueError(f"has its middle within {self.bounds.lower:g} to {self.bounds.upper:g} {self.unit}")
-        width = math.log(prior.factor) if isinstance(prior, LogNormal) else prior.sd
+        width = math.log(core.factor) if isinstance(core, LogNormal) else core.sd
         own = self.core
         usual = math.log(own.factor) if isinstance(own, LogNormal) else self.scale
         if not narrowest * usual <= width <= widest * usual:
             ends = [narrowest * usual, widest * usual]
             ends, word = ([math.exp(x) for x in ends], "factor") if prior.coordinate == "log" else (ends, "sd")
             raise ValueError(f"has a {word} from {ends[0]:.6g} to {ends[1]:.6g}")
-        if belief.derived:  # what a handbook says has its tails
-            tailed = replace(self.prior, core=prior) if isinstance(self.prior, Tailed) else prior
-            return replace(self, prior=tailed, source=belief.source)
         return replace(self, prior=prior, source=belief.source)
 
     @property

@@ -27,7 +27,7 @@ from psafit import cli, physics, plugins
 from psafit.cli import common
 from psafit.errors import InputError
 from psafit.experiment import Experiment, read_experiment, write_experiment
-from psafit.physics import plugin
+from psafit.physics import plugin, term
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -629,6 +629,19 @@ def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path: Path
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make")
+def test_the_case_study_expects_of_the_free_tip_what_its_causes_say() -> None:
+    """Strokes on the first rise from rest, um, at the values that the page has for the two sets."""
+    text = (DOCS / "case-study.md").read_text("utf-8")
+    rows = [line.split("|")[2:5] for line in text.splitlines() if line.count(" µm |") == 3]
+    said = [[float(cell.removesuffix(" µm ")) for cell in row] for row in rows]
+    volts, q = np.array([5.0, 10.0, 20.0]), 0.12
+    branch, factor = term("hysteresis").branch, term("anchored_stroke").stack_factor
+    assert branch and factor
+    loop = [q * v - branch(0.0, 0.0, v, q, [0.32, 5.4]) for v in volts]
+    grows = [q * v * factor(v, [0.01, 150.0]) for v in volts]
+    assert np.array(said) == pytest.approx(np.array([q * volts, loop, grows, 0.5 * q * volts]), abs=0.0051)
+
+
 def test_a_small_letter_is_not_passed_over() -> None:
     """`make fit group=3` would fit group 1."""
     done = subprocess.run(

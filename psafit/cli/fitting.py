@@ -65,7 +65,8 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
                 f"{spans[0]}, {spans[1]}, {read}{changes_text(group['constants'].items())}"
             )
         for known in content["priors"]:
-            click.echo(f"  prior of {known['name']}: {known['prior']} ({known['source']})")
+            origin = ", from [rig]" if known["derived"] else ""
+            click.echo(f"  prior of {known['name']}{origin}: {known['prior']} ({known['source']})")
         warn(content["warnings"])
     return DONE
 

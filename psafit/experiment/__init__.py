@@ -104,7 +104,7 @@ def read_experiment(folder: str | Path) -> Experiment:
             *warnings,
             *left_from_example(title, source, constants, groups),
             *dict.fromkeys(line for rig in rigs for line in suspicious_constants(rig)),
-            *(suspicious_facts(plan.rig, constants) if plan.rig else ()),
+            *(suspicious_facts(plan.rig, constants, groups) if plan.rig else ()),
             *(line for group in groups for line in suspicious_readings(group, group.rig(constants))),
             *copied_groups(groups),
             *disagreeing_groups(groups),
@@ -198,9 +198,7 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str]:
             with faults.kept():
                 groups.append(_sweep(declared, planned=planned))
     faults.end()
-    names = {b.name for b in stated}
-    followed = () if rig is None else (b for b in definition.followed(rig, constants) if b.name not in names)
-    return Plan(constants, tuple(groups), (*followed, *stated), limits, title, rig), source
+    return Plan(constants, tuple(groups), definition.known(stated, rig, constants), limits, title, rig), source
 
 
 def _sweep(declared: DeclaredGroup, *, planned: bool) -> Conditions:

@@ -7,6 +7,7 @@ import math
 import re
 import stat
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
@@ -15,10 +16,10 @@ from psafit.drives import NAMES, TABLE, Drive, Table, instead
 from psafit.errors import Faults, InputError
 from psafit.experiment.drive_table import SETTING_LIMITS, read_drive
 from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId
-from psafit.experiment.rig import MATERIALS, Rig
+from psafit.experiment.rig import ALIASES, MATERIALS, Rig, material_named
 from psafit.experiment.rig import beliefs as rig_beliefs
 from psafit.experiment.table import LIMITS as COLUMN_LIMITS
-from psafit.experiment.text import listed, one_line, read_text, shown, unreadable
+from psafit.experiment.text import did_you_mean, listed, one_line, read_text, shown, unreadable
 from psafit.parameters import Belief, LogNormal, Normal
 
 MAX_ID = 999_999_999
@@ -296,17 +297,26 @@ class Definition:
         faults.end()
         return Rig(**facts)
 
-    def followed(self, rig: Rig, constants: Constants) -> tuple[Belief, ...]:
-        """What is known of parameters from what the rig is made of, with the place of that table."""
+    def known(self, stated: Sequence[Belief], rig: Rig | None, constants: Constants) -> tuple[Belief, ...]:
+        """What is known of parameters: what follows from the rig, and in its place what is stated.
+
+        A stated prior says which values are plausible. Whether the cause is at work follows from the rig nevertheless,
+        where that is not stated as well.
+        """
         line = self._line("rig")
-        return tuple(replace(b, file=self.file, line=line) for b in rig_beliefs(rig, constants))
+        followed = [replace(b, file=self.file, line=line) for b in (rig_beliefs(rig, constants) if rig else ())]
+        at_work = {b.name: b.probability for b in followed}
+        own = [b if b.probability else replace(b, probability=at_work.get(b.name)) for b in stated]
+        names = {b.name for b in stated}
+        return (*(b for b in followed if b.name not in names), *own)
 
     def _material(self, name: str, value: object) -> str:
-        if not isinstance(value, str) or value.lower() not in MATERIALS:
-            shown_value = shown(value) if isinstance(value, str) else "no text"
-            remedy = f"known are {listed(MATERIALS)}; or leave it out and state [prior.k_c]"
-            raise self.error(f"{name} is {shown_value}", remedy, "rig", name)
-        return value.lower()
+        if not isinstance(value, str):
+            raise self.error(f"{name} is no text", f"write it in quotes: {listed(MATERIALS)}", "rig", name)
+        if known := material_named(value):
+            return known
+        near = did_you_mean(value.casefold(), [*MATERIALS, *ALIASES])
+        raise self.error(f"{name} is {shown(value)}", f"{near}; or leave it out and state [prior.k_c]", "rig", name)
 
     def _fact(self, name: str, value: object) -> float:
         number = _number(value)
@@ -332,26 +342,29 @@ class Definition:
         place = ("prior", name)
         if not isinstance(table, dict):
             raise self.error(f"prior of {shown(name)} is no table", _PRIOR, *place)
-        self.known_keys(table, ("median", "factor", "mean", "sd", "source"), *place)
-        given = set(table) - {"source"}
+        self.known_keys(table, ("median", "factor", "mean", "sd", "source", "probability"), *place)
+        given = set(table) - {"source", "probability"}
         if given not in ({"median", "factor"}, {"mean", "sd"}):
             raise self.error(f"prior of {shown(name)} has {listed(sorted(given)) or 'no numbers'}", _PRIOR, *place)
         source = table.get("source")
         if not isinstance(source, str) or not one_line(source):
             raise self.error(f"prior of {shown(name)} has no source", 'write source = "how it is known"', *place)
         numbers, faults = {}, Faults()
-        for key in sorted(given):
+        for key in sorted(set(table) - {"source"}):
             with faults.kept():
                 numbers[key] = self._belief_number(name, key, table[key])
         faults.end()
+        probability = numbers.pop("probability", None)
         prior = LogNormal(**numbers) if "median" in numbers else Normal(**numbers)
-        return Belief(name, prior, one_line(source), self.file, self._line(*place))
+        return Belief(name, prior, one_line(source), self.file, self._line(*place), probability)
 
     def _belief_number(self, name: str, key: str, value: object) -> float:
-        least = {"median": 0.0, "factor": 1.0, "sd": 0.0}.get(key, -math.inf)
+        least = {"median": 0.0, "factor": 1.0, "sd": 0.0, "probability": 0.0}.get(key, -math.inf)
+        most = 1.0 if key == "probability" else math.inf
         number = _number(value)
-        if number is None or not (math.isfinite(number) and number > least):
+        if number is None or not (math.isfinite(number) and least < number < most):
             what = "a finite number" if math.isinf(least) else f"a finite number above {least:g}"
+            what += f" and below {most:g}" if math.isfinite(most) else ""
             raise self.error(f"prior of {shown(name)}: {key} is not {what}", _PRIOR, "prior", name, key)
         return number
 

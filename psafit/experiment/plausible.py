@@ -12,31 +12,33 @@ from importlib.resources import as_file, files
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.drives import Drive
+from psafit.drives import WAVEFORMS, Drive
 from psafit.experiment.records import DEFINITION, Constants, Group
-from psafit.experiment.rig import MATERIALS, Rig
+from psafit.experiment.rig import MATERIALS, Rig, is_rated_stroke
 from psafit.experiment.table import read_csv, readings_of
 from psafit.experiment.text import one_line
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, Observable
 
 _EXAMPLE = "EXAMPLE, replace:"
-# Wide enough for any rig of this kind, narrow enough to catch a factor of a thousand in the unit.
-_PLAUSIBLE: dict[str, tuple[float, float, str, str]] = {
-    "M": (1e-6, 10.0, "kg", "grams"),
-    "m": (1e-6, 1.0, "kg", "grams"),
-    "q": (1e-11, 1e-5, "m/V", "um/V or nm/V"),
-    "l": (1e-3, 10.0, "m", "mm"),
-    "k_s": (1e4, 1e12, "N/m", "N/um"),
-    "g": (9.7, 9.9, "m/s^2", "another unit"),
+_POWER = "is a power of ten wrong?"
+# Wide enough for any rig of this kind, narrow enough to catch a factor of a thousand in the unit: the ends, the unit,
+# and what to ask below and above.
+_PLAUSIBLE: dict[str, tuple[float, float, str, str, str]] = {
+    "M": (1e-6, 10.0, "kg", _POWER, "is it given in grams?"),
+    "m": (1e-6, 1.0, "kg", _POWER, "is it given in grams?"),
+    "q": (1e-11, 1e-5, "m/V", _POWER, "is it given in um/V or nm/V?"),
+    "l": (1e-3, 10.0, "m", _POWER, "is it given in mm?"),
+    "k_s": (1e4, 1e12, "N/m", "is it given in N/um?", _POWER),
+    "g": (9.7, 9.9, "m/s^2", "is it given in another unit?", "is it given in cm/s^2?"),
 }
-# The same of what a rig is made of.
-_USUAL: dict[str, tuple[float, float, str, str]] = {
-    "ball_radius": (1e-4, 0.1, "m", "mm"),
-    "source_resistance": (0.1, 1e5, "ohm", "kilo-ohms"),
-    "capacity": (1e-10, 1e-3, "F", "uF or nF"),
-    "rated_voltage": (5.0, 5000.0, "V", "kV"),
-    "rated_stroke": (1e-7, 1e-3, "m", "um or mm"),
-    "layer_thickness": (1e-6, 5e-3, "m", "um or mm"),
+# The same of what a rig is made of. Less than an ohm is what power amplifiers have, or kilo-ohms of a generator.
+_USUAL: dict[str, tuple[float, float, str, str, str]] = {
+    "ball_radius": (1e-4, 0.1, "m", _POWER, "is it given in mm?"),
+    "source_resistance": (1.0, 1e5, "ohm", "is it given in kilo-ohms?", "is it given in milliohms?"),
+    "capacity": (1e-10, 1e-3, "F", _POWER, "is it given in uF or nF?"),
+    "rated_voltage": (5.0, 5000.0, "V", "is it given in kV?", "is it given in mV?"),
+    "rated_stroke": (1e-7, 1e-3, "m", "is it the stroke per volt?", "is it given in um or mm?"),
+    "layer_thickness": (1e-6, 5e-3, "m", _POWER, "is it given in um or mm?"),
 }
 
 
@@ -66,38 +68,75 @@ def _same_readings(group: Group, columns: dict[str, FloatArray]) -> bool:
     return all(np.array_equal(getattr(group, name), column) for name, column in columns.items())
 
 
-def suspicious_constants(constants: Constants) -> list[str]:
-    """One line for each constant outside what such rigs have."""
+def _outside(values: object, usual: dict[str, tuple[float, float, str, str, str]]) -> list[str]:
+    """What is asked of values, attributes that may be missing, outside of what is usual."""
     found = []
-    for name, (low, high, unit, other) in _PLAUSIBLE.items():
-        value = getattr(constants, name)
-        if not low <= value <= high:
-            found.append(
-                f"{DEFINITION}: constant {name} = {value:g} {unit} is outside {low:g} to {high:g}; "
-                f"is it given in {other}?"
-            )
+    for name, (low, high, unit, below, above) in usual.items():
+        value = getattr(values, name)
+        if value is not None and not low <= value <= high:
+            found.append(f"{name} = {value:g} {unit} is outside {low:g} to {high:g}; {below if value < low else above}")
     return found
 
 
-def suspicious_facts(rig: Rig, constants: Constants) -> list[str]:
-    """One line for each fact outside what such rigs have, or against another."""
-    found = []
-    for name, (low, high, unit, other) in _USUAL.items():
-        value = getattr(rig, name)
-        if value is not None and not low <= value <= high:
-            found.append(f"{name} = {value:g} {unit} is outside {low:g} to {high:g}; is it given in {other}?")
-    found += _suspicious_ball(rig, constants)
-    per_volt = constants.q
-    if rig.rated_stroke is not None and rig.rated_voltage is not None:
-        per_volt = rig.rated_stroke / rig.rated_voltage
-    if 0.75 <= per_volt / constants.q <= 1.33:
+def suspicious_constants(constants: Constants) -> list[str]:
+    """One line for each constant outside what such rigs have."""
+    return [f"{DEFINITION}: constant {text}" for text in _outside(constants, _PLAUSIBLE)]
+
+
+def suspicious_facts(rig: Rig, constants: Constants, groups: Sequence[Group]) -> list[str]:
+    """One line for each fact outside what such rigs have, or against another, or against the drive."""
+    found = [*_outside(rig, _USUAL), *_suspicious_ball(rig, constants)]
+    if rig.rated_stroke is None or rig.rated_voltage is None or is_rated_stroke(rig, constants):
         found += _suspicious_stack(rig, constants)
     else:
         found.append(
-            f"rated_stroke over rated_voltage is {per_volt:.3g} m/V, constant q = {constants.q:g} m/V; they should be"
-            " the same"
+            f"rated_stroke over rated_voltage is {rig.rated_stroke / rig.rated_voltage:.3g} m/V, constant"
+            f" q = {constants.q:g} m/V; they should be the same"
         )
+    found += _suspicious_rating(rig, groups)
     return [f"{DEFINITION}: [rig] {text}" for text in found]
+
+
+def _suspicious_rating(rig: Rig, groups: Sequence[Group], least: float = 0.3, most: float = 4.0) -> list[str]:
+    """A rated voltage that no layers have, or that the drive exceeds.
+
+    Parameters
+    ----------
+    rig : Rig
+    groups : sequence of Group
+    least, most : float, kV/mm
+        Fields at the rated voltage. Layers of 0.4 to 1 mm take 1000 V, those of 25 to 100 um 100 to 150 V (Physik
+        Instrumente, pages on stack design, read): 1 to 2.5 kV/mm, and up to 4 at 25 um. Bulk PZT depoles and arcs
+        beyond.
+    """
+    if rig.rated_voltage is None:
+        return []
+    found = []
+    if rig.layer_thickness is not None:
+        field = 1e-6 * rig.rated_voltage / rig.layer_thickness
+        if not least <= field <= most:
+            found.append(
+                f"rated_voltage over layer_thickness is {field:.3g} kV/mm, of stacks it is 1 to 2; is one of them in"
+                " another unit?"
+            )
+    reached = {group.id: _greatest_volts(group) for group in groups}
+    highest = max(reached, key=reached.__getitem__)
+    if reached[highest] > rig.rated_voltage:
+        found.append(
+            f"rated_voltage = {rig.rated_voltage:g} V is below the drive of group {highest}, which reaches"
+            f" {reached[highest]:g} V; is one of them wrong?"
+        )
+    return found
+
+
+def _greatest_volts(group: Group) -> float:
+    """The greatest voltage of a drive, either way, V."""
+    drive, form = group.drive, WAVEFORMS.get(group.waveform)
+    if drive.table is not None and drive.recorded:
+        return float(np.abs(drive.table.value).max())
+    span = form.span if form else drive.table.span if drive.table else (-1.0, 1.0)
+    volts = [drive.idle_v, *(drive.bias_v + level * float(group.amplitude_v.max()) for level in span)]
+    return max(map(abs, volts))
 
 
 def _suspicious_ball(rig: Rig, constants: Constants, factor: float = 1.33) -> list[str]:

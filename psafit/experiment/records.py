@@ -398,7 +398,8 @@ def describe(experiment: Experiment) -> dict[str, Any]:
     -------
     dict
         `title`, `source`, `folder`, `fingerprint`, `constants`, `n_points`, `warnings`, `priors` (those given: `name`,
-        `prior`, `source`), and `groups`: one dict each with `id`, `waveform`, `file`, `n_points`, the spans
+        `prior` with the probability that its cause is at work where that is given, `source`, and whether it is
+        `derived` from the rig), and `groups`: one dict each with `id`, `waveform`, `file`, `n_points`, the spans
         `frequency_hz`, `amplitude_v`, of a trace `time_us`, and those of what is read, `launch_range_um` or another
         column, as [least, greatest], `constants` (those changed), `zeros` (readings of exactly 0), `replicates`
         (readings beyond the first at the same condition) and `has_sigma`.
@@ -411,7 +412,10 @@ def describe(experiment: Experiment) -> dict[str, Any]:
         "constants": {f.name: getattr(experiment.constants, f.name) for f in fields(Constants)},
         "n_points": sum(group.n_points for group in experiment.groups),
         "warnings": [*experiment.warnings, *map(_lone, (g for g in experiment.groups if g.n_points == 1))],
-        "priors": [{"name": b.name, "prior": b.prior.describe(), "source": b.source} for b in experiment.beliefs],
+        "priors": [
+            {"name": b.name, "prior": b.describe(), "source": b.source, "derived": b.derived}
+            for b in experiment.beliefs
+        ],
         "groups": [_describe_group(group) for group in experiment.groups],
     }
 

@@ -6,7 +6,10 @@ wide priors hold.
 
 Elastic moduli and densities are the middles of handbook ranges (R. C. Hibbeler, Mechanics of Materials, tables of
 average properties, and the tables of ecoursesbook.com, both read for metals, glass and nylon; PZT: 1/s33 of the
-constants of PZT-5H; alumina, silicon nitride and tungsten carbide: makers' usual figures, not verified).
+constants of PZT-5H; alumina, silicon nitride and zirconia: tables of Lily Bearing and Kientec, read, but for zirconia's
+Poisson's ratio; tungsten carbide: makers' usual figures, not verified). Chrome steel is a steel: 100Cr6 has 190-210
+GPa, 0.27-0.30 and 7.83 g/cm^3 (data sheets, read). Sapphire and ruby are one crystal, of 330-450 GPa by direction and
+0.28 (makeitfrom.com and a maker's table, read).
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
-from psafit.parameters import Belief, LogNormal, Normal
+from psafit.parameters import Belief, LogNormal, Normal, Tailed
 
 if TYPE_CHECKING:
     from psafit.experiment.records import Constants
@@ -57,8 +60,25 @@ MATERIALS = {
     "alumina": Material(370e9, 0.22, 3900),
     "silicon nitride": Material(310e9, 0.27, 3200),
     "tungsten carbide": Material(600e9, 0.22, 15000),
+    "zirconia": Material(205e9, 0.30, 6050),
+    "sapphire": Material(400e9, 0.28, 3990),
 }
 """Materials of balls and faces."""
+ALIASES = {
+    "aluminum": "aluminium",
+    "bearing steel": "steel",
+    "chrome steel": "steel",
+    "100cr6": "steel",
+    "ruby": "sapphire",
+}
+"""Other names of the same materials."""
+
+
+def material_named(text: str) -> str | None:
+    """The name, among `MATERIALS`, of what somebody calls `Stainless_Steel` or `aluminum`; None if it is none."""
+    name = " ".join(text.casefold().replace("_", " ").replace("-", " ").split())
+    name = ALIASES.get(name, name)
+    return name if name in MATERIALS else None
 
 
 @dataclass(frozen=True)
@@ -108,14 +128,37 @@ def hertz_stiffness(rig: Rig) -> float | None:
     return 4 / 3 * together * math.sqrt(rig.ball_radius * 1e-6)
 
 
-def beliefs(rig: Rig, constants: Constants) -> tuple[Belief, ...]:
+def is_rated_stroke(rig: Rig, constants: Constants, factor: float = 1.33) -> bool:
+    """Whether the constant `q` is the data sheet's stroke at full voltage over that voltage.
+
+    Then the stroke per volt is less at small fields, as of all soft PZT; stacks of hard PZT and of single crystals are
+    the rare others.
+
+    Parameters
+    ----------
+    rig : Rig
+    constants : Constants
+    factor : float
+        They are the same to within this factor: strokes of one type differ by 12-17 %, and are rounded.
+    """
+    if rig.rated_stroke is None or rig.rated_voltage is None:
+        return False
+    return 1 / factor <= rig.rated_stroke / rig.rated_voltage / constants.q <= factor
+
+
+def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[Belief, ...]:
     """Priors that follow from what a rig is made of.
+
+    All have heavy tails: a handbook knows neither the glue nor the film on a face, and a fact may be mistaken.
 
     Parameters
     ----------
     rig : Rig
     constants : Constants
         Those of the rig.
+    own_lag : float, s
+        What an amplifier lags behind without any load, and what no resistance says: 2 us are those of 80 kHz. Fast ones
+        have 0.3 us (PiezoDrive PD200X4, manual read: 470 kHz without load), bench-top controllers 10 us and more.
 
     Returns
     -------
@@ -128,22 +171,28 @@ def beliefs(rig: Rig, constants: Constants) -> tuple[Belief, ...]:
             f" {rig.face_material}: {stiffness:.3g} N/m at 1 um; half of it, since rough or glued faces have a third,"
             " and a linear contact stands for depths of 0.1 to 1 um"
         )
-        found.append(Belief("k_c", LogNormal(0.5 * stiffness, 2.5), why, derived=True))
+        found.append(Belief("k_c", Tailed(LogNormal(0.5 * stiffness, 2.5)), why, derived=True))
     if rig.source_resistance is not None and rig.capacity is not None:
         lag = rig.source_resistance * rig.capacity
         why = (
             f"{rig.source_resistance:g} ohm into {rig.capacity:g} F: {lag:.3g} s; a quarter either way, since a stack's"
-            " capacity has a tolerance of 20 % and grows with the field"
+            f" capacity has a tolerance of 20 % and grows with the field, and {own_lag:g} s of an amplifier's own"
         )
-        found.append(Belief("amplifier_lag_tau", Normal(lag, 0.25 * lag), why, derived=True, probability=0.95))
+        known = Tailed(Normal(lag, math.hypot(0.25 * lag, own_lag)))
+        at_work = 0.95 if lag > own_lag else None  # a lag that no reading shows is no more likely to be named
+        found.append(Belief("amplifier_lag_tau", known, why, derived=True, probability=at_work))
     if rig.rated_voltage is not None:
         why = f"rated voltage of {rig.rated_voltage:g} V, at which the data sheet states the stroke"
-        found.append(Belief("anchored_voltage", LogNormal(rig.rated_voltage, 1.1), why, derived=True))
+        at_work = 0.7 if is_rated_stroke(rig, constants) else None
+        known = Tailed(LogNormal(rig.rated_voltage, 1.1))
+        found.append(Belief("anchored_voltage", known, why, derived=True, probability=at_work))
     if rig.layer_thickness is not None:
         # Domain walls answer the field, not the voltage: what is usual of layers of 0.11 mm, by their thickness.
         per_volt = 1.1e-4 / rig.layer_thickness
         why = f"0.006 1/V of layers of 0.11 mm, in the field of layers of {1e3 * rig.layer_thickness:.3g} mm"
-        found.append(Belief("anchored_alpha", Normal(6e-3 * per_volt, 4e-3 * per_volt), why, derived=True))
+        known = Tailed(Normal(6e-3 * per_volt, 4e-3 * per_volt))
+        found += [Belief(name, known, why, derived=True) for name in ("anchored_alpha", "field_d33_alpha")]
     why = f"2.5 degrees of a string of {1e3 * constants.l:.3g} mm, for whoever wants contact at every launch"
-    found.append(Belief("preload_offset", Normal(0.0, math.radians(2.5) * constants.l), why, derived=True))
+    known = Tailed(Normal(0.0, math.radians(2.5) * constants.l))
+    found += [Belief(name, known, why, derived=True) for name in ("preload_offset", "session_lean_offset")]
     return tuple(found)

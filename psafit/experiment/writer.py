@@ -119,7 +119,7 @@ def _kept_definition(experiment: Experiment) -> str | None:
             tomllib.loads(text) == found.data
             and found.constants() == experiment.constants
             and found.limits() == experiment.limits
-            and found.beliefs() == tuple(b for b in experiment.beliefs if not b.derived)
+            and found.known(found.beliefs(), found.rig(), experiment.constants) == experiment.beliefs
             and found.rig() == experiment.rig
             and found.text("title", experiment.title) == experiment.title
             and found.text("source", "") == experiment.source
@@ -176,6 +176,7 @@ def beliefs_text(beliefs: Sequence[Belief]) -> str:
             continue
         numbers = (f"{f.name} = {number_text(getattr(belief.prior, f.name))}\n" for f in fields(belief.prior) if f.init)
         text += f"\n[prior.{_quoted(belief.name)}]\n{''.join(numbers)}source = {_quoted(belief.source)}\n"
+        text += f"probability = {number_text(belief.probability)}\n" if belief.probability else ""
     return text
 
 

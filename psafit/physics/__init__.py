@@ -199,14 +199,17 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
                 what = f"{b.name} cannot be what follows from the rig: {b.source.partition(';')[0]}"
                 remedy = f"correct the fact or its unit, or leave it out; a prior {error}"
             raise InputError(what, remedy, file=b.file, line=b.line) from None
+        if b.probability is not None and b.name not in own:
+            what, remedy = f"{b.name} is of the model itself, which is always at work", "leave its probability out"
+            raise InputError(what, remedy, file=b.file, line=b.line)
 
     def known_of(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
         return tuple(found.get(p.name, p) for p in parameters)
 
-    odds = {b.name: b.probability for b in beliefs if b.probability is not None}
-
     def known_cause(cause: Term) -> Term:
-        probability = max((odds[p.name] for p in cause.parameters if p.name in odds), default=cause.probability)
+        names = [p.name for p in cause.parameters]
+        odds = [(not b.derived, b.probability) for b in beliefs if b.name in names and b.probability is not None]
+        _, probability = max(odds, default=(False, cause.probability))  # what is stated before what follows
         return replace(cause, parameters=known_of(cause.parameters), probability=probability)
 
     return known_of(baseline.PARAMETERS), tuple(map(known_cause, causes))

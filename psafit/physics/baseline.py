@@ -20,9 +20,9 @@ PARAMETERS: tuple[Parameter, ...] = (
         bounds=Bounds(1e3, 1e9),
         prior=LogNormal(1e6, 10.0),
         description="contact stiffness",
-        source="Hertz contact of a 27 g steel ball (radius 9.4 mm) on ceramic: 4/3 E* sqrt(R) = 6.7e9 N/m^1.5, that is"
-        " 6.7 MN/m at a micrometre (Johnson, Contact Mechanics, 1985, eq. 4.23-4.24); a rough or glued face has a"
-        " third of it, paper or tape a tenth or less",
+        source="Hertz contact of a 27 g steel ball (radius 9.4 mm) on PZT of 48 GPa: 4/3 E* sqrt(R) = 5.65e9 N/m^1.5,"
+        " that is 5.65 MN/m at a micrometre (Johnson, Contact Mechanics, 1985, eq. 4.23-4.24); a rough or glued face"
+        " has a third of it, paper or tape a tenth or less",
     ),
     Parameter(
         name="c_s",

@@ -34,6 +34,7 @@ TERM = Term(
     title="dry friction on the swing",
     equation=r"\ddot x = -(g/l) x - a_f",
     description=__doc__ or "",
+    because="a string that is tied or clamped bends and does not slide; a knot or a wire that rubs is rare",
     parameters=(
         Parameter(
             name="flight_friction_a",

@@ -52,6 +52,10 @@ TERM = Term(
     title="frame gives way",
     equation=r"M_w \ddot x_w = -k_w x_w - c_w \dot x_w - R",
     description=__doc__ or "",
+    because=(
+        "every wall gives way, but a holder of a kilogram or more changes ranges by less than they scatter; light "
+        "ones are rare"
+    ),
     parameters=(
         Parameter(
             name="frame_compliance",

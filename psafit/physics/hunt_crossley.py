@@ -43,6 +43,10 @@ TERM = Term(
     title="Hunt-Crossley damping",
     equation=r"F = F_\mathrm{el} (1 + \lambda \dot d) + c_c \dot d",
     description=__doc__ or "",
+    because=(
+        "between hard faces it adds 1 % to the force at 2 cm/s; a lossy film between ball and stack, where it is "
+        "strong, is rare"
+    ),
     parameters=(
         Parameter(
             name="hunt_crossley_lambda",

@@ -52,6 +52,10 @@ TERM = Term(
     title="damping grows with indentation",
     equation=r"F = k_c d + c_c \dot d \, (|d|/d_0)^p, \quad d_0 = 1\,\mu\mathrm{m}",
     description=__doc__ or "",
+    because=(
+        "the area that is rubbed and strained does grow with depth, but of a loss of some per cent that change "
+        "does not show"
+    ),
     parameters=(
         Parameter(
             name="indentation_damping_p",

@@ -40,6 +40,7 @@ TERM = Term(
     title="floor of the reading",
     equation=r"L_\mathrm{read} = \sqrt{L^2 + b^2}",
     description=__doc__ or "",
+    because="a vibrometer resolves picometres, and whoever waits until the ball hangs still reads no rest motion",
     parameters=(
         Parameter(
             name="reading_offset_b",

@@ -36,6 +36,10 @@ TERM = Term(
     title="slew-limited amplifier",
     equation=r"|\dot u| \le S = i_\mathrm{max}/C",
     description=__doc__ or "",
+    because=(
+        "a resistance lags before a current limit is met, and a sine that has become a triangle is seen on any "
+        "oscilloscope"
+    ),
     parameters=(
         Parameter(
             name="slew_limit_inverse",

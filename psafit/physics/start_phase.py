@@ -37,6 +37,10 @@ TERM = Term(
     title="sine starts off its zero",
     equation=r"V_\mathrm{cmd} = V_a \sin(2\pi f t + \phi_0)",
     description=__doc__ or "",
+    because=(
+        "a triggered burst starts at its set phase, 0 by default; a start at random would be scatter, not the same "
+        "in every launch"
+    ),
     parameters=(
         Parameter(
             name="start_phase_phi",

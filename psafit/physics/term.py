@@ -270,10 +270,10 @@ class Term:
     literal : callable
         ``literal(rig, p)`` edits a `ReferenceRig` for the scalar reference; `p` as floats.
     probability : float
-        How probable it is, before any reading, that the cause is at work. The default expects one surprise in a
-        catalogue of two dozen causes.
+        How probable it is, before any reading, that the cause is at work. The default is a surprise: of 25 such causes
+        one is expected.
     because : str
-        Why, where that is not the default.
+        Why. A cause of your own may leave it out.
     setup : callable, optional
         ``setup(rig, p)`` returns the changed `Setup`; `p` is (n_sets, n_parameters). With a latent parameter it is
         asked for one session after the other, and `p` has one more column: the session's own value.

@@ -41,6 +41,13 @@ def test_check(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:
         (lone / group.file).write_text((known_folder / group.file).read_text())
     assert run(monkeypatch, "check", lone) == 0
     assert "  prior of k_c: log-normal, median 400000, factor 2 for one sd (Hertz)\n" in capsys.readouterr().out
+    rig = "[rig]\nsource_resistance = 50\ncapacity = 1.5e-6\n"
+    (lone / "experiment.toml").write_text(definition + rig)
+    assert run(monkeypatch, "check", lone) == 0
+    printed = capsys.readouterr().out
+    assert "  prior of amplifier_lag_tau, from [rig]: normal, mean 7.5e-05, sd 1.8" in printed
+    assert "5 % in a Cauchy tail 3 times as wide; at work: 0.95 (50 ohm into 1.5e-06 F" in printed
+    (lone / "experiment.toml").write_text(definition + known.format("k_c"))
     assert run(monkeypatch, "simulate", lone, "--json", tmp_path / "s.json", "--quiet") == 0
     assert json.loads((tmp_path / "s.json").read_text())["parameters"]["k_c"] == pytest.approx(4e5)
     (lone / "experiment.toml").write_text(definition + known.format('"k_\\u202e"'))

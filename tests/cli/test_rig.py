@@ -60,6 +60,17 @@ def test_a_new_folder_passes_the_check_at_once(tmp_path: Path, monkeypatch, caps
     for table in folder.glob("*.csv"):
         table.write_text(table.read_text("utf-8") + "1000,10,60\n", "utf-8")
     assert run(monkeypatch, "check", folder) == 0 and capsys.readouterr().err == ""
+    # The facts that it proposes are those of its constants: q is rated stroke over rated voltage, and called so.
+    assert re.search(r"^q = .*rated stroke over rated voltage", text, flags=re.MULTILINE)
+    facts = re.search(r"^# \[rig\]\n(# \w+ = .*\n)+", text, flags=re.MULTILINE)
+    assert facts
+    stated = text.replace("EXAMPLE, replace: ", "").replace(
+        facts[0], facts[0].replace("# ", "", 1).replace("\n# ", "\n")
+    )
+    (folder / "experiment.toml").write_text(stated, "utf-8")
+    assert run(monkeypatch, "check", folder) == 0
+    checked = capsys.readouterr()
+    assert checked.err == "" and checked.out.count(", from [rig]: ") == 7
 
 
 def test_new_is_quiet_and_takes_an_empty_folder(tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

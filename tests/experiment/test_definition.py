@@ -59,6 +59,7 @@ def test_what_is_known_of_the_rig_is_read(tmp_path: Path) -> None:
     assert experiment.beliefs == beliefs and [b.line for b in experiment.beliefs] == [21, 25]
     assert read_plan(tmp_path / "two").beliefs == beliefs
     reported = {"name": "k_c", "prior": "log-normal, median 4e+06, factor 1.5 for one sd", "source": "Hertz"}
+    reported["derived"] = False
     assert describe(experiment)["priors"][0] == reported
     write_experiment(experiment, tmp_path / "again")
     again = read_experiment(tmp_path / "again")
@@ -167,7 +168,8 @@ BAD_TOML: dict[str, tuple[str | bytes, int | None, str]] = {
     "limits, beyond": (TOML + "[limits]\nM = [1, 1e9]\n", 22, "first, within 1e-09 to 1e+06; give them"),
     "rig, no table": ("rig = 1\n" + TOML, 1, "rig is no table"),
     "rig, unknown key": (TOML + "[rig]\nball_size = 1\n", 22, "unknown key 'ball_size'"),
-    "rig, unknown material": (TOML + '[rig]\nball_material = "stel"\n', 22, "known are steel, stainless steel"),
+    "rig, unknown material": (TOML + '[rig]\nball_material = "stel"\n', 22, "did you mean steel"),
+    "rig, unheard-of material": (TOML + '[rig]\nface_material = "wxyz"\n', 22, "choose from steel, stainless"),
     "rig, material no text": (TOML + "[rig]\nface_material = 3\n", 22, "face_material is no text"),
     "rig, negative": (TOML + "[rig]\ncapacity = -1e-6\n", 22, "capacity is not a positive number"),
     "rig, text": (TOML + '[rig]\nrated_voltage = "150"\n', 22, "rated_voltage is not a positive number"),

@@ -81,6 +81,12 @@ def test_groups_whose_speeds_differ_are_named(tmp_path: Path) -> None:
     assert "speeds are 2 times those of group 1 at one shared condition; are volts of one of them peak" in warnings[0]
 
 
+def test_a_constant_too_small_is_not_asked_for_the_unit_of_one_too_large(tmp_path: Path) -> None:
+    """Nobody gives a string in mm and writes 0.09e-3."""
+    (warning,) = read_experiment(write(tmp_path, TOML.replace("l = 0.09", "l = 0.09e-3"))).warnings
+    assert warning.endswith("is outside 0.001 to 10; is a power of ten wrong?")
+
+
 def test_a_stack_of_three_kilograms_is_named(tmp_path: Path) -> None:
     (warning,) = read_experiment(write(tmp_path, TOML.replace("m = 0.005", "m = 3"))).warnings
     assert "constant m = 3 kg is outside" in warning

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,11 @@ import pytest
 from folders import TOML, refusal, write
 
 from psafit.errors import InputError
-from psafit.experiment import read_experiment, read_plan, write_experiment
+from psafit.experiment import describe, read_experiment, read_plan, write_experiment
 from psafit.experiment.rig import Rig, hertz_stiffness
 from psafit.inference.problem import Problem
-from psafit.parameters import Tailed
-from psafit.physics import terms
+from psafit.parameters import LogNormal, Normal, Tailed
+from psafit.physics import TERMS, baseline, informed, terms
 
 FACTS = """[rig]
 ball_material = "Steel"
@@ -34,19 +35,123 @@ def test_hertz_contact_is_that_of_a_hand_calculation() -> None:
     assert hertz_stiffness(Rig(ball_material="steel", ball_radius=9.4e-3)) is None
 
 
+def test_the_usual_prior_of_the_contact_is_of_the_same_solids() -> None:
+    """What `psafit terms k_c` says of steel on PZT is what follows from a rig of steel on PZT."""
+    stated = re.search(r"that is (\S+) MN/m at a micrometre", baseline.PARAMETERS[0].source)
+    found = hertz_stiffness(Rig(ball_material="steel", face_material="pzt", ball_radius=9.4e-3))
+    assert stated and found == pytest.approx(1e6 * float(stated[1]), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("said", "meant"),
+    [
+        ("aluminum", "aluminium"),
+        ("stainless_steel", "stainless steel"),
+        ("Chrome-Steel", "steel"),
+        ("100Cr6", "steel"),
+        ("Ruby", "sapphire"),
+        ("zirconia", "zirconia"),
+    ],
+)
+def test_a_material_has_other_names(tmp_path: Path, said: str, meant: str) -> None:
+    rig = read_experiment(write(tmp_path, f'{TOML}[rig]\nball_material = "{said}"\n')).rig
+    assert rig is not None and rig.ball_material == meant
+
+
+@pytest.mark.parametrize(
+    ("material", "stiffness"),
+    [("zirconia", 5.654), ("sapphire", 6.237)],
+)
+def test_contact_of_other_balls(material: str, stiffness: float) -> None:
+    """By hand, on PZT's 54.28 GPa: 205/(1 - 0.3^2) = 225.3, 400/(1 - 0.28^2) = 434.0 GPa."""
+    rig = Rig(ball_material=material, face_material="pzt", ball_radius=9.4e-3)
+    assert hertz_stiffness(rig) == pytest.approx(1e6 * stiffness, rel=1e-3)
+
+
 def test_priors_follow_from_a_rig(tmp_path: Path) -> None:
     experiment = read_experiment(write(tmp_path, TOML + FACTS))
     causes = terms(["amplifier_lag", "anchored_stroke", "preload", "gap"])
     problem = Problem(experiment, experiment.ids, causes)
     known = {p.name: p for p in problem.parameters}
-    assert known["k_c"].prior.describe() == "log-normal, median 2.82341e+06, factor 2.5 for one sd"
+    tail = "; 5 % in a Cauchy tail 3 times as wide"
+    assert known["k_c"].prior.describe() == f"log-normal, median 2.82341e+06, factor 2.5 for one sd{tail}"
     lag = known["amplifier_lag_tau"].prior
-    assert isinstance(lag, Tailed) and lag.middle == pytest.approx((75e-6, 0.25 * 75e-6))
-    assert known["anchored_voltage"].prior.describe() == "log-normal, median 150, factor 1.1 for one sd"
+    assert isinstance(lag, Tailed) and lag.middle == pytest.approx((75e-6, np.hypot(0.25 * 75e-6, 2e-6)))
+    assert known["anchored_voltage"].prior.describe() == f"log-normal, median 150, factor 1.1 for one sd{tail}"
     assert known["preload_offset"].source.startswith("2.5 degrees of a string of 90 mm")
     odds = {t.id: t.probability for t in problem.terms}
     usual = {t.id: t.probability for t in causes}
-    assert odds == usual | {"amplifier_lag": 0.95}
+    assert odds == usual | {"amplifier_lag": 0.95, "anchored_stroke": 0.7}
+
+
+def test_what_is_reported_of_a_rig_is_what_is_used(tmp_path: Path) -> None:
+    """Every prior with its tail, and how probable a cause has become."""
+    experiment = read_experiment(write(tmp_path, TOML + FACTS))
+    plain, causes = informed(experiment.beliefs, TERMS)
+    used = {p.name: p.prior.describe() for p in (*plain, *(p for t in causes for p in t.parameters))}
+    lines = {known["name"]: known["prior"] for known in describe(experiment)["priors"]}
+    at_work = {"amplifier_lag_tau": "; at work: 0.95", "anchored_voltage": "; at work: 0.7"}
+    assert lines == {name: used[name] + at_work.get(name, "") for name in lines} and len(lines) == 7
+    assert all(known["derived"] for known in describe(experiment)["priors"])
+
+
+def test_one_fact_sets_every_parameter_that_it_is_about(tmp_path: Path) -> None:
+    """Layers half as thick double the field; half the string halves a lean of 2.5 degrees."""
+    toml = (TOML + FACTS).replace("l = 0.09", "l = 0.045").replace("thickness = 1.1e-4", "thickness = 5.5e-5")
+    experiment = read_experiment(write(tmp_path, toml))
+    both = informed(experiment.beliefs, terms(["anchored_stroke", "field_dependent_d33", "preload", "session_lean"]))[1]
+    known = {p.name: p.prior for t in both for p in t.parameters}
+    assert known["field_d33_alpha"] == known["anchored_alpha"] == Tailed(Normal(0.012, 0.008))
+    assert known["session_lean_offset"] == known["preload_offset"] == Tailed(Normal(0.0, np.pi / 72 * 0.045))
+
+
+@pytest.mark.parametrize(
+    ("toml", "odds"),
+    [
+        (TOML + FACTS.replace("rated_stroke = 17.4e-6", ""), 0.3),  # where q comes from is not said
+        (TOML + FACTS.replace("rated_stroke = 17.4e-6", "rated_stroke = 26e-6"), 0.3),  # q is not the data sheet's
+        (TOML + FACTS + '[prior.anchored_alpha]\nmean = 0.01\nsd = 0.01\nsource = "x"\n', 0.7),
+        (TOML + FACTS + '[prior.anchored_voltage]\nmedian = 150\nfactor = 1.2\nsource = "x"\n', 0.7),
+        (
+            TOML + FACTS + '[prior.anchored_alpha]\nmean = 0.01\nsd = 0.01\nsource = "x"\nprobability = 0.1\n',
+            0.1,
+        ),
+    ],
+)
+def test_how_probable_a_cause_is_follows_from_the_rig_unless_it_is_stated(
+    tmp_path: Path, toml: str, odds: float
+) -> None:
+    """A stated prior is about values. The definition is written with it, as it was or anew."""
+    first = read_experiment(write(tmp_path / "a", toml))
+    (cause,) = informed(first.beliefs, terms(["anchored_stroke"]))[1]
+    assert cause.probability == odds
+    write_experiment(first, tmp_path / "b")
+    assert (tmp_path / "b" / "experiment.toml").read_text("utf-8").startswith(toml.rstrip())
+    (tmp_path / "a" / "experiment.toml").unlink()
+    write_experiment(first, tmp_path / "c")
+    assert read_plan(tmp_path / "b").beliefs == read_plan(tmp_path / "c").beliefs == first.beliefs
+
+
+@pytest.mark.parametrize(
+    ("name", "probability", "said"),
+    [
+        ("k_c", "0.9", "k_c is of the model itself, which is always at work"),
+        ("gap", "1", "probability is not a finite number above 0 and below 1"),
+    ],
+)
+def test_a_probability_that_cannot_be_is_refused(tmp_path: Path, name: str, probability: str, said: str) -> None:
+    toml = f'{TOML}[prior.{name}]\nmedian = 4e6\nfactor = 2\nsource = "x"\nprobability = {probability}\n'
+    with pytest.raises(InputError, match=said):
+        informed(read_experiment(write(tmp_path, toml)).beliefs, ())
+
+
+def test_what_follows_from_a_rig_makes_far_values_surprising_and_forbids_none(tmp_path: Path) -> None:
+    """A soft film on the face is known to no handbook: k_c of a hundredth costs a surprise, not 19 nats."""
+    experiment = read_experiment(write(tmp_path, TOML + FACTS))
+    (k_c, *_), _ = informed(experiment.beliefs, ())
+    most, *far = k_c.log_prior(k_c.to_sampling([2.8e6, 1e4, 1e3]))
+    assert all(5.0 < most - x < 12.0 for x in far)
+    assert all(isinstance(b.prior, Tailed) for b in experiment.beliefs)
 
 
 def test_what_is_stated_itself_comes_before_what_follows(tmp_path: Path) -> None:
@@ -66,7 +171,7 @@ def test_a_rig_is_written_as_it_was_read(tmp_path: Path) -> None:
 
 DOUBTS = {
     "ball_radius = 0.0094": ("ball_radius = 0.0188", "a steel ball of radius 0.0188 m weighs 0.218 kg"),
-    "source_resistance = 50": ("source_resistance = 0.05", "is it given in kilo-ohms?"),
+    "source_resistance = 50": ("source_resistance = 0.6", "is it given in kilo-ohms?"),
     "capacity = 1.5e-6": ("capacity = 1.5", "is it given in uF or nF?"),
     "rated_stroke = 17.4e-6": ("rated_stroke = 8.7e-6", "rated_stroke over rated_voltage is 5.8e-08 m/V"),
 }
@@ -103,6 +208,56 @@ def test_a_stroke_in_another_unit_is_not_taken_for_a_swap(tmp_path: Path) -> Non
     assert "rated_stroke over rated_voltage" in warning
 
 
+FAR = {
+    "source_resistance": ("0.05", "is it given in kilo-ohms?", "1e6", "is it given in milliohms?"),
+    "rated_voltage": ("0.15", "is it given in kV?", "1.5e5", "is it given in mV?"),
+    "rated_stroke": ("1.2e-8", "is it the stroke per volt?", "0.0174", "is it given in um or mm?"),
+    "capacity": ("1.5e-12", "is a power of ten wrong?", "1.5", "is it given in uF or nF?"),
+    "layer_thickness": ("1.1e-7", "is a power of ten wrong?", "0.11", "is it given in um or mm?"),
+}
+
+
+@pytest.mark.parametrize("name", FAR)
+def test_a_fact_too_small_is_asked_for_another_unit_than_one_too_large(tmp_path: Path, name: str) -> None:
+    small, below, large, above = FAR[name]
+    for value, question in ((small, below), (large, above)):
+        folder = write(tmp_path / value, f"{TOML}[rig]\n{name} = {value}\n")
+        (said,) = (w for w in read_experiment(folder).warnings if f"[rig] {name} = " in w and " is outside " in w)
+        assert said.endswith(question)
+
+
+@pytest.mark.parametrize(
+    ("facts", "said"),
+    [
+        ("rated_voltage = 150\nlayer_thickness = 1.1e-3", "rated_voltage over layer_thickness is 0.136 kV/mm"),
+        ("rated_voltage = 1500\nlayer_thickness = 1.1e-4", "rated_voltage over layer_thickness is 13.6 kV/mm"),
+        ("rated_voltage = 1000\nlayer_thickness = 1e-3", ""),
+        ("rated_voltage = 100\nlayer_thickness = 25e-6", ""),
+        ("rated_voltage = 20", ""),
+        ("rated_voltage = 15", "rated_voltage = 15 V is below the drive of group 1, which reaches 20 V"),
+    ],
+)
+def test_a_rating_is_held_against_layers_and_drive(tmp_path: Path, facts: str, said: str) -> None:
+    """By hand: 150 V over 1.1 mm is 0.136 kV/mm; the readings go up to 20 V."""
+    warnings = read_experiment(write(tmp_path, f"{TOML}[rig]\n{facts}\n")).warnings
+    assert [said in w for w in warnings] == [True] * bool(said)
+
+
+@pytest.mark.parametrize(
+    ("keys", "reaches"),
+    [
+        ("bias_v = 10", 30),
+        ("bias_v = -10", 30),
+        ("idle_v = -40", 40),
+        ('waveform = "unipolar_sine"\nbias_v = -10', 20),  # of the other group
+    ],
+)
+def test_a_bias_counts_towards_the_rating(tmp_path: Path, keys: str, reaches: int) -> None:
+    toml = TOML.replace('waveform = "sine"', keys if "waveform" in keys else f'waveform = "sine"\n{keys}')
+    (said,) = read_experiment(write(tmp_path, f"{toml}[rig]\nrated_voltage = 19\n")).warnings
+    assert said.endswith(f"which reaches {reaches} V; is one of them wrong?")
+
+
 @pytest.mark.parametrize("fact", DOUBTS)
 def test_facts_that_cannot_be_right_are_reported(tmp_path: Path, fact: str) -> None:
     other, said = DOUBTS[fact]
@@ -135,9 +290,21 @@ def test_facts_beyond_any_rig_are_refused(tmp_path: Path, fact: str) -> None:
     assert error.line == lines.index(fact) + 1
 
 
-def test_a_lag_of_nothing_follows_from_no_rig(tmp_path: Path) -> None:
-    """Fifty ohm that were given in kilo-ohms would all but forbid the lag that there is."""
-    place = write(tmp_path, TOML + FACTS.replace("source_resistance = 50", "source_resistance = 0.05"))
-    experiment = read_experiment(place)
-    with pytest.raises(InputError, match=r"0.05 ohm into 1.5e-06 F: 7.5e-08 s; correct the fact .* has a sd from"):
-        Problem(experiment, experiment.ids)
+@pytest.mark.parametrize(("ohm", "farad"), [(1, 180e-9), (50, 6e-9), (0.5, 20e-9), (0.05, 1.5e-6), (1e-6, 1e-15)])
+def test_a_good_amplifier_leaves_a_lag_of_its_own(tmp_path: Path, ohm: float, farad: float) -> None:
+    """Microseconds, which no resistance says. Nothing of it shows, so that it is no more likely to be at work."""
+    facts = FACTS.replace("source_resistance = 50", f"source_resistance = {ohm}")
+    experiment = read_experiment(write(tmp_path, TOML + facts.replace("1.5e-6", f"{farad}")))
+    (lag,) = Problem(experiment, experiment.ids, terms(["amplifier_lag"])).terms
+    assert isinstance(lag.strength.prior, Tailed) and lag.strength.prior.middle[1] == pytest.approx(2e-6, rel=1e-3)
+    assert lag.probability == terms(["amplifier_lag"])[0].probability
+    assert not lag.strength.is_implausible(0.0) and not lag.strength.is_implausible(4e-6)
+
+
+def test_every_rating_that_may_be_is_believed(tmp_path: Path) -> None:
+    """Up to the bounds of the voltage, whatever they are."""
+    (usual,) = (p for p in terms(["anchored_stroke"])[0].parameters if p.name == "anchored_voltage")
+    for volts in (usual.bounds.lower, usual.bounds.upper):
+        experiment = read_experiment(write(tmp_path / f"{volts:g}", f"{TOML}[rig]\nrated_voltage = {volts!r}\n"))
+        known = {p.name: p for p in Problem(experiment, experiment.ids, terms(["anchored_stroke"])).parameters}
+        assert known[usual.name].prior == Tailed(LogNormal(volts, 1.1))

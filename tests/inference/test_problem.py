@@ -135,7 +135,9 @@ def test_log_prior_is_the_sum_of_the_parameters_own():
             low, mid, high = (p.log_prior(inside[:, i] + d) for d in (-1e-3, 0.0, 1e-3))
             bent = np.maximum((2 * mid - low - high) / 1e-6, 0.0)
             assert second[:, i] == pytest.approx(bent, rel=1e-3, abs=1e-3)
-            assert first[:, i] == pytest.approx((high - low) / 2e-3 - bent * (u[1:100, i] - inside[:, i]), abs=5e-5)
+            assert first[:, i] == pytest.approx(
+                (high - low) / 2e-3 - bent * (u[1:100, i] - inside[:, i]), rel=5e-5, abs=5e-5
+            )
 
 
 def test_columns_are_baseline_causes_sessions_scatter() -> None:

@@ -139,6 +139,12 @@ def test_the_declaration_can_be_printed(cause: Term) -> None:
     holds(contract.declaration(cause))
 
 
+@CAUSES
+def test_how_probable_a_cause_is_has_a_reason(cause: Term) -> None:
+    """Also that of a surprise: what would make it strong, and why that is rare."""
+    assert len(cause.because.split()) > 8 and cause.because[0].islower() and not cause.because.endswith(".")
+
+
 @pytest.mark.parametrize("cause", [t for t in TERMS if t.law], ids=lambda t: t.id)
 def test_derivatives_of_a_law(cause: Term) -> None:
     """Of a law on its own, and of one that follows each other law."""
@@ -195,6 +201,10 @@ def test_the_page_of_the_causes_is_up_to_date() -> None:
     written = make.PAGE.read_text("utf-8")
     computed = written.split(make.BEGIN)[1].split(make.END)[0].strip()
     assert written == make.page(computed), "run python docs/make_causes.py --text"
+    # What may show without being modelled is never listed without the measurement that would show it.
+    _, listed = written.split("\n## What is not modelled and may show\n")
+    effects = listed.split("\n- **")[1:]
+    assert len(effects) == 3 and all("*What would show it:*" in effect for effect in effects)
     figures = re.findall(r"!\[.*\]\((.*)\)", written)
     sizes = [(ROOT / "docs" / name).stat().st_size for name in figures]
     assert len(figures) == len(TERMS) + 1 and max(sizes) < 60e3 and sum(sizes) < 1.5e6

@@ -21,6 +21,7 @@ from psafit.diagnose.record import Confusion, Diagnosis, MisfitResult, ModelShow
 from psafit.diagnose.significance import Significance
 from psafit.experiment import Experiment, Group, fingerprint
 from psafit.model_search.model_set import LookedAt
+from psafit.parameters import Belief, LogNormal, Normal, Tailed
 from psafit.records import plain, read_json, write_json
 from psafit.report.catalogue import model
 from psafit.report.diagnosis import causes, gain, misfit, overview, shown
@@ -334,6 +335,20 @@ def test_one_group(tmp_path):
     assert page.headings == SECTIONS
     assert "there is no group that could be held out" in page.text
     assert "No sweep has enough neighbouring readings" in page.text
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_priors_that_follow_are_not_those_that_are_stated(tmp_path):
+    lag = Tailed(Normal(7.5e-5, 2e-5))
+    beliefs = (
+        Belief("amplifier_lag_tau", lag, "50 ohm into 1.5 uF", probability=0.95, derived=True),
+        Belief("k_c", LogNormal(4e6, 1.5), "measured"),
+    )
+    experiment = replace(make_experiment("One"), beliefs=beliefs)
+    text = build(make_record(experiment), experiment, tmp_path).text
+    followed = f"amplifier_lag_tau: {lag.describe()}; at work: 0.95 (50 ohm into 1.5 uF)"
+    assert re.search(r"Priors that follow from \[rig\]\s*" + re.escape(followed), text)
+    assert re.search(r"Priors that the experiment states\s*k_c: log-normal, median 4e\+06, factor 1.5", text)
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -90,7 +90,7 @@ def _facts(result: Diagnosis, experiment: Experiment) -> list[list[Any]]:
     ]
     if result.command:
         facts.insert(2, ["Command", result.command])
-    if experiment.beliefs:
-        stated = (f"{b.name}: {b.prior.describe()} ({b.source})" for b in experiment.beliefs)
-        facts.insert(2, ["Priors that the experiment states", "; ".join(stated)])
+    for head, derived in (("Priors that the experiment states", False), ("Priors that follow from [rig]", True)):
+        if known := [f"{b.name}: {b.describe()} ({b.source})" for b in experiment.beliefs if b.derived == derived]:
+            facts.insert(2, [head, "; ".join(known)])
     return facts
