@@ -378,17 +378,58 @@ def score(results: Sequence[Result]) -> Score:
     Score
     """
     rows = [_row(r) for r in results]
-    single = [row for row in rows if row.kind == "one"]
-    seen = [row for row in single if row.gain >= SEEN_NATS]
-    nothing = [row for row in rows if row.kind == "nothing"]
-    outside = [row for row in rows if row.kind == "outside" and row.gain >= SEEN_NATS]
-    alarms = rate(row.verdict != "adequate" for row in nothing)
-    reliability = _reliability(results)
+    single, nothing, seen, outside = _kinds(rows)
     drawn = [r for r in results if r.spec.level == PRIOR]
-    believed = _reliability(drawn)
+    reliability, believed = _reliability(results), _reliability(drawn)
     recovery, coverage = _recovery(results)
     unselected = clustered([_covered(r) for r in drawn])
-    targets = [
+    seconds = [row.seconds for row in rows if row.verdict != "failed" and math.isfinite(row.seconds)]
+    return Score(
+        n=len(rows),
+        n_failed=sum(row.verdict == "failed" for row in rows),
+        targets=_targets(results, rows, reliability, believed, unselected),
+        false_alarms=_alarms(nothing),
+        by_gain=_by_gain(single),
+        confusion=_table((row.truth, row.named) for row in [*seen, *nothing, *outside]),
+        set_size={str(k): n for k, n in sorted(Counter(row.set_size for row in seen).items())},
+        reliability=reliability,
+        believed=believed,
+        log_score=mean([row.log_score for row in rows if row.log_score is not None]),
+        recovery=recovery,
+        coverage=coverage,
+        coverage_believed=unselected,
+        outside=_table(
+            (row.truth, said) for row in outside for said in (row.verdict, *(["located"] if row.located else []))
+        ),
+        seconds={
+            "median": float(np.median(seconds)) if seconds else None,
+            "p90": float(np.quantile(seconds, 0.9)) if seconds else None,
+        },
+        rows=rows,
+    )
+
+
+def _kinds(rows: Sequence[Row]) -> tuple[list[Row], list[Row], list[Row], list[Row]]:
+    """Single causes, nothing, and what an oracle sees of single causes and of outside effects."""
+    single, nothing = ([row for row in rows if row.kind == kind] for kind in ("one", "nothing"))
+    seen, outside = ([r for r in rows if r.kind == kind and r.gain >= SEEN_NATS] for kind in ("one", "outside"))
+    return single, nothing, seen, outside
+
+
+def _alarms(nothing: Sequence[Row]) -> Rate:
+    return rate(row.verdict != "adequate" for row in nothing)
+
+
+def _targets(
+    results: Sequence[Result],
+    rows: Sequence[Row],
+    reliability: Sequence[ProbabilityBin],
+    believed: Sequence[ProbabilityBin],
+    unselected: Rate,
+) -> list[Target]:
+    """The targets of a campaign, and what was found."""
+    _, nothing, seen, outside = _kinds(rows)
+    return [
         _at_least(
             f"single cause of {SEEN_NATS:g} nats or more: truth within the reported set", 0.97, (r.in_set for r in seen)
         ),
@@ -397,7 +438,7 @@ def score(results: Sequence[Result]) -> Score:
             0.90,
             (r.exact for r in seen if not r.confusable),
         ),
-        _at_most("nothing hidden: verdict other than adequate", 0.05, alarms),
+        _at_most("nothing hidden: verdict other than adequate", 0.05, _alarms(nothing)),
         _at_most(
             f"outside effect of {SEEN_NATS:g} nats or more: adequate or explained",
             0.08,
@@ -423,30 +464,6 @@ def score(results: Sequence[Result]) -> Score:
             unselected,
         ),
     ]
-    seconds = [row.seconds for row in rows if row.verdict != "failed" and math.isfinite(row.seconds)]
-    return Score(
-        n=len(rows),
-        n_failed=sum(row.verdict == "failed" for row in rows),
-        targets=targets,
-        false_alarms=alarms,
-        by_gain=_by_gain(single),
-        confusion=_table((row.truth, row.named) for row in [*seen, *nothing, *outside]),
-        set_size={str(k): n for k, n in sorted(Counter(row.set_size for row in seen).items())},
-        reliability=reliability,
-        believed=believed,
-        log_score=mean([row.log_score for row in rows if row.log_score is not None]),
-        recovery=recovery,
-        coverage=coverage,
-        coverage_believed=unselected,
-        outside=_table(
-            (row.truth, said) for row in outside for said in (row.verdict, *(["located"] if row.located else []))
-        ),
-        seconds={
-            "median": float(np.median(seconds)) if seconds else None,
-            "p90": float(np.quantile(seconds, 0.9)) if seconds else None,
-        },
-        rows=rows,
-    )
 
 
 def _at_least(what: str, least: float, hits: Iterable[bool]) -> Target:

@@ -1,7 +1,7 @@
 """What a search leaves: models, and a probability for each.
 
 *Prior over models.* Causes are at work independently of each other, each with the probability that its file declares
-and gives a reason for. Most are surprises: of two dozen such causes about one is expected. A few are not, as that a dry
+and gives a reason for. Most are surprises: of 25 such causes about one is expected. A few are not, as that a dry
 contact does not pull. Models that were fitted and not sampled are counted with what the fit says, so that a best model
 is not certain only because its rivals were not sampled.
 
