@@ -27,9 +27,10 @@ from psafit.cli.common import (
     write_result,
 )
 from psafit.errors import InputError
-from psafit.text import fixed
+from psafit.text import count, fixed
 
 if TYPE_CHECKING:
+    from psafit.diagnose.isolability import Isolability
     from psafit.experiment import GroupId
 
 
@@ -140,11 +141,18 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
                 pairs = "them all" if other.splits else ", ".join(" from ".join(pair) for pair in other.pairs)
                 what = other.trace.text if other.trace else f"{titles}, read of the same launches"
                 click.echo(f"  {what}, would distinguish {pairs}")
-        if found.pairs:
-            click.echo(f"{len(found.pairs)} pairs of causes look like a single one, or the reverse; --json lists them")
+        for line in _confounded_pairs(found):
+            click.echo(line)
         if plot is not None:
             click.echo(f"picture: {shown_path(plot)}")
     return DONE
+
+
+def _confounded_pairs(found: Isolability, most: int = 3) -> list[str]:
+    """The pairs of causes that come nearest to a single one, or it to them, and how many more there are."""
+    lines = [f"{' + '.join(one.truth)} may be taken for {' + '.join(one.rival)}" for one in found.pairs[:most]]
+    more = len(found.pairs) - most
+    return lines + ([f"{count(more, 'pair')} more may be taken for one cause, or it for them (--json)"] * (more > 0))
 
 
 def _planned(run: Path, out: Path, proposal: int, experiment: Path | None, quiet: bool) -> int:

@@ -147,6 +147,9 @@ def test_what_conditions_can_distinguish_is_said_and_drawn(
     reported, held = capsys.readouterr().out, json.loads(file.read_text("utf-8"))
     assert held["causes"] == [t.id for t in few] and len(held["nats"]) == 3 and picture.stat().st_size > 1000
     assert "swing_drag" in held["unseen"] and "would not be seen: " in reported
+    for one in held["pairs"][:3]:
+        assert f"{' + '.join(one['truth'])} may be taken for {' + '.join(one['rival'])}\n" in reported
+    assert ("more may be taken" in reported) is (len(held["pairs"]) > 3)
     for words, said in (
         (["--isolability", "--out", tmp_path / "x"], "writes no folder"),
         (["--isolability", "--plot", tmp_path / "x.txt"], "no kind of picture"),

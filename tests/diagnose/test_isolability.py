@@ -11,7 +11,7 @@ import pytest
 from scripts import loaded
 from truths import experiment
 
-from psafit.diagnose.isolability import Effects, IsolabilitySettings, isolability
+from psafit.diagnose.isolability import ConfoundedPair, Effects, IsolabilitySettings, isolability
 from psafit.diagnose.next_experiment import proposed
 from psafit.diagnose.possible import proposals
 from psafit.drives import Drive, Table
@@ -19,6 +19,7 @@ from psafit.experiment import Conditions, Experiment, read_as
 from psafit.inference.problem import Problem
 from psafit.observables import CONTACT_TIME, DISPLACEMENT, OBSERVABLES, OF_LAUNCHES, PEAK_FORCE, VELOCITY, Observable
 from psafit.physics import terms
+from psafit.report.figures.isolability import isolability_figure
 from psafit.simulate import Design
 from psafit.simulate.sensitivity import RIGS
 
@@ -233,3 +234,14 @@ def test_refits_lose_by_a_trace_what_is_said_of_it():
         reported.append(linear.against([truth], [rival], settings))
     assert min(ranges) < settings.apart < 2 * settings.apart < min(refitted)
     assert np.allclose(np.log(refitted), np.log(reported), atol=np.log(2))
+
+
+def test_pairs_that_look_like_one_cause_are_drawn_on_their_side(found):
+    lag, hunt, damping = found.causes
+    with_pairs = replace(found, unseen=[], blocks=[], pairs=[
+        ConfoundedPair([hunt, damping], [lag], 0.7), ConfoundedPair([lag], [damping, hunt], 1.4),
+        ConfoundedPair([hunt, damping], [lag], 2.9),
+    ])  # fmt: skip
+    first, second, _ = isolability_figure(with_pairs).axes
+    assert {t.get_text(): t.get_position() for t in second.texts} == {"0.7": (2, 1), "1.4": (1, 2)}
+    assert len(isolability_figure(replace(with_pairs, pairs=[])).axes) == 2 and first.get_ylabel()
