@@ -51,7 +51,7 @@ def _matrix(axes: Axes, names: Sequence[str], nats: FloatArray, limit: float, mo
     """A square of causes, dark where little distinguishes them, with the numbers below the limit."""
     colours = LinearSegmentedColormap.from_list("nats", [PALETTE["vermillion"], "#f6e3d7", "#ffffff"])
     n = len(names)
-    image = axes.imshow(nats, cmap=colours, vmin=0.0, vmax=most)
+    image = axes.imshow(nats, cmap=colours, vmin=0.0, vmax=most, aspect="auto")
     for i in range(n):
         axes.add_patch(Rectangle((i - 0.5, i - 0.5), 1, 1, facecolor=PALETTE["faint"], edgecolor="none"))
         for j in np.flatnonzero((nats[i] < limit) & (np.arange(n) != i)).tolist():
