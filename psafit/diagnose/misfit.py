@@ -10,7 +10,8 @@ point.
 
 A fit is *sound* where the family finds nothing, no readings of several groups stand out together (by the same level),
 and heavy tails were not needed to pass. Tails are heavy where a fitted number of degrees of freedom lies in the lower
-half of its prior; they were needed where the same tests fail once it is held to the upper half.
+half of its prior; they were needed where the same tests fail once it is held to the upper half. All three look at the
+same residuals, so that together they raise hardly more false alarms than the family alone (docs/statistics.md).
 """
 
 from __future__ import annotations
@@ -48,6 +49,9 @@ ALPHA = 0.02
 """Level of the family: a false alarm in fifty sound models."""
 
 Character = Literal["none", "physics", "scatter", "group", "points", "sessions"]
+
+Objection = Literal["", "tests", "together", "tails"]
+"""What speaks against a model: the family of tests, readings that stand out together, or that it needs heavy tails."""
 
 
 CHARACTERS: dict[Character, str] = {
@@ -190,6 +194,16 @@ class Misfit:
     usual_tails: float | None = None
 
     @property
+    def objection(self) -> Objection:
+        """What speaks against the model, if anything does."""
+        return objection_to(self.p_value, self.coincidences, self.usual_tails)[0]
+
+    @property
+    def least(self) -> float:
+        """The p value of what speaks against the model, or that of the family."""
+        return objection_to(self.p_value, self.coincidences, self.usual_tails)[1]
+
+    @property
     def wrong(self) -> bool:
         """Whether the tests reject the model."""
         return self.p_value < ALPHA
@@ -203,8 +217,20 @@ class Misfit:
     @property
     def sound(self) -> bool:
         """Whether nothing is wrong: the tests pass, without heavy tails, and no readings stand out together."""
-        leans = self.usual_tails is not None and self.usual_tails < ALPHA
-        return not (self.wrong or self.coincidences or leans)
+        return not self.objection
+
+
+def objection_to(
+    p_value: float, coincidences: Sequence[Coincidence], usual_tails: float | None
+) -> tuple[Objection, float]:
+    """What speaks against a model, and its p value; that of the family where nothing does."""
+    if p_value < ALPHA:
+        return "tests", p_value
+    if coincidences:
+        return "together", min(c.p_value for c in coincidences)
+    if usual_tails is not None and usual_tails < ALPHA:
+        return "tails", usual_tails
+    return "", p_value
 
 
 def passes(candidate: Candidate, catalogue: Sequence[Term], *, seed: int) -> bool:

@@ -2,9 +2,9 @@ r"""From the model set, the tests and the discrepancy to a verdict.
 
 * ``adequate``: the tests find nothing, without heavy tails (`psafit.diagnose.misfit.Misfit.sound`), and the baseline
   keeps at least one chance in twenty.
-* ``explained``: one set of causes has 95 % of what the catalogue's sets have together, the tests find nothing left
-  once it is adopted, its fit breaks no law that holds whatever the causes are (`psafit.diagnose.laws`), and none of
-  its values is implausible. That no other set does as well is said only where those that were not sampled have less
+* ``explained``: one set of causes has 95 % of what the catalogue's sets have together, its fit is as sound as that of
+  an adequate baseline must be and breaks no law that holds whatever the causes are (`psafit.diagnose.laws`), and none
+  of its values is implausible. That no other set does as well is said only where those that were not sampled have less
   than a hundredth of the probability together.
 * ``ambiguous``: several sets together have 95 % of it, or sets of no more causes fit as well; each would do.
 * ``unexplained``: after the best extension structure remains, a discrepancy is more probable than any cause, or the
@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psafit.diagnose.discrepancy import Discrepancy
-from psafit.diagnose.misfit import ALPHA, Misfit
+from psafit.diagnose.misfit import Misfit
 from psafit.diagnose.record import Broken
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.model_search import Ids, ModelSet
@@ -94,9 +94,9 @@ def conclude(
         Prior probability of a discrepancy added to any model.
     """
     added, instead = _odds(model_set, left, bare, prior_unnamed)
-    p_value = (after or before).p_value
-    if p_value < ALPHA:  # what the tests find need not be smooth
-        added = max(added, prior_unnamed / (1 - prior_unnamed) * odds_against(p_value))
+    judged = after or before
+    if not judged.sound:  # what the tests find need not be smooth
+        added = max(added, prior_unnamed / (1 - prior_unnamed) * odds_against(judged.least))
     unnamed = (added + instead) / (1 + added + instead)
     probability = {ids: p * (1 - unnamed) * (1 - model_set.missed) for ids, p in model_set.probability.items()}
     inclusion: dict[str, float] = {}
@@ -111,7 +111,7 @@ def conclude(
     if not best:  # something is wrong, and no cause helps
         return Verdict("unexplained", (), (), probability, unnamed, inclusion)
     alternatives, named = model_set.rivals(best), _best_first(best, model_set)
-    residual = after is not None and after.p_value < ALPHA
+    residual = after is not None and not after.sound
     if residual or mostly_unnamed:
         why: Why = "structure" if residual or added > instead else "smooth"
         return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, why)

@@ -61,6 +61,24 @@ def test_why_the_best_extension_is_no_explanation() -> None:
     )
 
 
+def test_a_named_set_is_held_to_what_is_asked_of_the_baseline() -> None:
+    d, pair = record(), Coincidence("frequency", ((1, 3), (2, 3)), 200.0, 200.0, 0.2, 3.0, 0.01)
+    for change, words in (
+        ({"p_value": 0.005}, "but structure remains that no cause describes (family-wise p = 0.005"),
+        ({"coincidences": [pair]}, "but readings of several groups still stand out together (p = 0.01"),
+        ({"usual_tails": 0.015}, "only because heavy tails take up what stands out (p without them = 0.015"),
+    ):
+        after = replace(d.misfit.extended, **change)
+        left = replace(d, verdict="unexplained", unexplained_by="structure", misfit=replace(d.misfit, extended=after))
+        (named,) = of(left, Named)
+        assert words in named.say(PLAIN)
+    # The tests alone do not object to a baseline in which readings stand out together, but its verdict does.
+    baseline = replace(d.misfit.baseline, p_value=0.4, coincidences=[pair])
+    found = replace(d, verdict="explained", alternatives=[], misfit=replace(d.misfit, p_value=0.4, baseline=baseline))
+    (named,) = of(found, Named)
+    assert "explains the misfit" in named.say(PLAIN)
+
+
 def test_what_is_held_back_by_what_is_plausible_alone_is_reported() -> None:
     best_model = record().causes[0]
     sure = replace(best_model, evidence=replace(best_model.evidence, share=0.97))

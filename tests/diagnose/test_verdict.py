@@ -14,6 +14,9 @@ from psafit.diagnose.verdict import conclude
 from psafit.inference.candidate import fit
 from psafit.model_search import search_models
 
+PAIR = Coincidence("frequency", (("a", 1), ("c", 1)), 200.0, 200.0, 0.2, 3.0, 0.01)
+"""Two readings of different groups that stand out together."""
+
 
 def test_verdicts(hidden, sound):
     # Few readings let a large scatter stand for the cause; more do not.
@@ -36,6 +39,12 @@ def test_verdicts(hidden, sound):
     odds = 1 / 9 * -1 / (np.e * spoilt.p_value * np.log(spoilt.p_value))
     assert rejected.unnamed == pytest.approx(odds / (1 + odds)) and 0.4 < rejected.unnamed < 0.5
     assert sum(rejected.probability.values()) <= 1 - rejected.unnamed
+    # It is held to what is asked of an adequate baseline: no readings together, no need of heavy tails.
+    for change, p in (({"coincidences": (PAIR,)}, PAIR.p_value), ({"usual_tails": ALPHA / 4}, ALPHA / 4)):
+        leaning = conclude(hidden, before, replace(after, **change), left, replace(bare, log_evidence=-np.inf))
+        assert (leaning.verdict, leaning.unexplained_by) == ("unexplained", "structure")
+        odds = 1 / 9 * -1 / (np.e * p * np.log(p))
+        assert leaning.unnamed == pytest.approx(odds / (1 + odds))
     # A rival of equal probability makes a tie.
     p = hidden.probability[("amplifier_lag",)]
     tied = replace(hidden, probability=hidden.probability | {("amplifier_lag",): p / 2, ("flight_friction",): p / 2})
@@ -99,7 +108,6 @@ def test_verdicts_where_nothing_is_hidden(sound):
     odd = conclude(plain, replace(quiet, p_value=0.005), None, replace(nothing, log_bayes=-9.0), nothing)
     assert odd.verdict == "unexplained" and odd.unnamed > 0.6 and odd.probability[()] < 0.4
     # Nor is it adequate where readings stand out together, or only for heavy tails.
-    pair = Coincidence("frequency", (("a", 1), ("c", 1)), 200.0, 200.0, 0.2, 3.0, 0.01)
-    for change in ({"coincidences": (pair,)}, {"usual_tails": ALPHA / 2}):
+    for change in ({"coincidences": (PAIR,)}, {"usual_tails": ALPHA / 2}):
         doubted = conclude(plain, replace(quiet, **change), None, nothing, nothing)
         assert (doubted.verdict, doubted.named) == ("unexplained", ())

@@ -113,14 +113,14 @@ def kept(d: Diagnosis) -> float:
 def _judged(d: Diagnosis) -> Judged:
     verdict: Literal["yes", "so far", "no", "together", "tails", "improbable"] = "improbable"
     tests, p_value = d.misfit.baseline, d.misfit.p_value
-    if p_value < ALPHA:
+    if tests.objection == "tests":
         verdict = "no"
     elif d.verdict == "adequate":
         verdict = "so far" if kept(d) < 0.5 else "yes"
-    elif tests.coincidences:
+    elif tests.objection == "together":
         verdict = "together"
-    elif tests.usual_tails is not None and tests.usual_tails < ALPHA:
-        verdict, p_value = "tails", tests.usual_tails
+    elif tests.objection == "tails":
+        verdict, p_value = "tails", tests.least
     return Judged(verdict, p_value, tests.n_simulated, kept(d), d.mostly_unnamed)
 
 
@@ -135,9 +135,10 @@ def _named(d: Diagnosis) -> Statement:
         probability=None if best_model is None or d.mostly_unnamed or not d.named else best_model.probability,
         alternatives=d.alternatives,
         fits_as_well=best_model is not None and best_model.evidence.share >= CREDIBLE,
-        rejected=d.misfit.p_value < ALPHA,
+        rejected=bool(d.misfit.baseline.objection),
         left=d.unexplained_by,
-        p_after=after.p_value if after and d.unexplained_by and after.p_value < ALPHA else None,
+        objection=after.objection if after and d.unexplained_by else "",
+        p_after=after.least if after else 1.0,
         unnamed=d.unnamed,
         looked_at=d.looked_at,
         restricted=bool(d.left_out),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from psafit.diagnose.answer.statement import Statement
-from psafit.diagnose.misfit import ALPHA, CHARACTERS, Character
+from psafit.diagnose.misfit import ALPHA, CHARACTERS, Character, Objection
 from psafit.diagnose.record import Broken, ParameterResult, Reading
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.diagnose.words import Words
@@ -18,6 +18,14 @@ from psafit.text import significant
 WORTH_SAYING = 0.05
 """Probability of a discrepancy without a name, or of another set, from which on it is worth a sentence."""
 
+# What remains of the readings given the best extension, by what speaks against it.
+_REMAINS: dict[Objection, str] = {
+    "": "structure remains that no cause describes",
+    "tests": "structure remains that no cause describes",
+    "together": "readings of several groups still stand out together",
+    "tails": "it passes the tests only because heavy tails take up what stands out",
+}
+_P_VALUE: dict[Objection, str] = {"tests": "family-wise p", "together": "p", "tails": "p without them"}
 # Sets that do as well as what is named, and are named one by one.
 _TIED = 6
 
@@ -116,12 +124,15 @@ class Named(Statement):
     fits_as_well : bool
         Whether only what is plausible beforehand speaks for the first of several.
     rejected : bool
-        Whether the tests reject the baseline.
+        Whether the tests reject the baseline, or readings that stand out together, or its need of heavy tails, do.
     left : {"", "structure", "smooth", "law", "values"}
         Why the best extension does not explain the readings: structure remains, a smooth curve in its place is more
         probable, it breaks a law that holds whatever the causes are, or its values are implausible.
-    p_after : float, optional
-        Family-wise p value given the extension.
+    objection : {"", "tests", "together", "tails"}
+        What speaks against the best extension: the tests, readings that stand out together, or that it needs heavy
+        tails.
+    p_after : float
+        Its p value.
     unnamed : float
         Probability of a discrepancy without a name.
     looked_at : LookedAt
@@ -136,7 +147,8 @@ class Named(Statement):
     fits_as_well: bool
     rejected: bool
     left: Why
-    p_after: float | None
+    objection: Objection
+    p_after: float
     unnamed: float
     looked_at: LookedAt
     restricted: bool
@@ -170,11 +182,11 @@ class Named(Statement):
             looked = "that was looked at" if self.restricted else "of the catalogue"
             return words.put("No cause {} explains what these readings show.{}", looked, rest)
         why = {
-            "structure": "structure remains that no cause describes",
+            "structure": _REMAINS[self.objection],
             "smooth": "a smooth curve in its place is more probable",
             "law": "it breaks a law that holds whatever the causes are",
         }[self.left or "structure"]
-        odd = "" if self.p_after is None else f"family-wise p = {significant(self.p_after, 2)}; "
+        odd = f"{_P_VALUE[self.objection]} = {significant(self.p_after, 2)}; " if self.objection else ""
         also = words.put(" As good as {}: {}.", words.causes(self.causes), tied) if texts else ""
         return words.put(
             "The best extension is {}, but {} ({}probability of a discrepancy {}).{}",

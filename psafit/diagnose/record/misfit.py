@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from psafit.diagnose.misfit import Character, Coincidence, Statistic
+from psafit.diagnose.misfit import Character, Coincidence, Objection, Statistic, objection_to
 from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.show import Offset
 from psafit.diagnose.significance import Significance
@@ -92,6 +92,16 @@ class Tests:
     refit: str
     usual_tails: float | None = field(default=None, metadata=ABSENT)
     where: list[Where] | None = field(default=None, metadata=ABSENT)
+
+    @property
+    def objection(self) -> Objection:
+        """What speaks against the model, if anything does."""
+        return objection_to(self.p_value, self.coincidences, self.usual_tails)[0]
+
+    @property
+    def least(self) -> float:
+        """The p value of what speaks against the model, or that of the family."""
+        return objection_to(self.p_value, self.coincidences, self.usual_tails)[1]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from psafit.arrays import FloatArray
 from psafit.compare import known
-from psafit.diagnose.misfit import ALPHA, CHARACTERS
+from psafit.diagnose.misfit import ALPHA, CHARACTERS, Objection
 from psafit.diagnose.record import Diagnosis, Tests
 from psafit.diagnose.significance import OTHERWISE, Significance
 from psafit.report.diagnosis import words
@@ -21,6 +21,13 @@ from psafit.report.page import Picture, first
 from psafit.report.style import BAND, PALETTE, figure_style, new_figure
 from psafit.report.wording import NBSP, factor, listed, p_value, percent, typeset
 from psafit.text import fixed, significant
+
+_OBJECTS: Final[dict[Objection, str]] = {
+    "": "",
+    "tests": "",
+    "together": "But readings of several groups stand out together, so that it is not sound",
+    "tails": "But only because heavy tails take up what stands out, so that it is not sound",
+}
 
 _LOOKS_AT: Final = {
     "mean": "the physics",
@@ -47,6 +54,8 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
     return {
         "p": words.p_text(tests.p_value),
         "wrong": tests.p_value < ALPHA,
+        "sound": not tests.objection,
+        "objection": _OBJECTS[tests.objection],
         "character": CHARACTERS[tests.character],
         "n_simulated": tests.n_simulated,
         "refit": "refitted with the model itself" if tests.refit == "exact" else "refitted with its expansion",
