@@ -277,6 +277,7 @@ class Work:
             files={name: sha256(self.folder / name) for name in tables},
             laws=laws,
             unexplained_by=verdict.unexplained_by,
+            by_likelihood=[list(ids) for ids in verdict.by_likelihood],
             sentences=[],
             unnamed=verdict.unnamed,
             screening=screening,

@@ -39,13 +39,15 @@ class Verdict:
     named : tuple of str
         The causes adopted; first the one without which the best model loses most.
     alternatives : tuple of tuples of str
-        Sets that do as well.
+        Sets that do as well: those needed for 95 % of the probability, and those that fit as well.
     probability : dict
         Of each model fitted; what is missing to one is a discrepancy, or of sets that the search may have missed.
     unnamed : float
         Probability of a discrepancy without a name, added to what has one or in its place.
     inclusion : dict
         Probability of each cause to be part of the truth, given that the catalogue holds it.
+    by_likelihood : tuple of tuples of str
+        Alternatives that fit as well and are not needed: what is plausible beforehand alone holds them back.
     unexplained_by : {"", "structure", "smooth", "law", "values"}
         Why the named set does not explain the readings: structure remains, a smooth curve in its place is more
         probable, it breaks a law, or its values are implausible.
@@ -58,6 +60,7 @@ class Verdict:
     unnamed: float
     inclusion: dict[str, float]
     unexplained_by: Why = ""
+    by_likelihood: tuple[Ids, ...] = ()
 
     @property
     def structured(self) -> bool:
@@ -111,12 +114,13 @@ def conclude(
     if not best:  # something is wrong, and no cause helps
         return Verdict("unexplained", (), (), probability, unnamed, inclusion)
     alternatives, named = model_set.rivals(best), _best_first(best, model_set)
+    likely = tuple(ids for ids in alternatives if ids not in model_set.needed(best))
     residual = after is not None and not after.sound
     if residual or mostly_unnamed:
         why: Why = "structure" if residual or added > instead else "smooth"
-        return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, why)
+        return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, why, likely)
     if alternatives:
-        return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion)
+        return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion, "", likely)
     why = "law" if laws else "values" if strange else ""
     return Verdict("unexplained" if why else "explained", named, (), probability, unnamed, inclusion, why)
 

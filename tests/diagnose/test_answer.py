@@ -8,13 +8,15 @@ from dataclasses import replace
 import pytest
 from diagnoses_by_hand import make_experiment, make_record
 
-from psafit.diagnose.answer import ByChance, Furthest, Gained, Judged, Named, Searched, answer, sentences
+from psafit.diagnose.answer import ByChance, Furthest, Gained, Judged, Named, Searched, Sizes, answer, sentences
 from psafit.diagnose.misfit import Coincidence
 from psafit.diagnose.record import Broken, Diagnosis, ParameterResult
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
 from psafit.model_search.model_set import LookedAt
 from psafit.report.diagnosis.answer import kind
+
+GAP = ParameterResult(1e-7, None, None, "m", "what it means", 0.5)
 
 
 def record() -> Diagnosis:
@@ -80,10 +82,29 @@ def test_a_named_set_is_held_to_what_is_asked_of_the_baseline() -> None:
 
 
 def test_what_is_held_back_by_what_is_plausible_alone_is_reported() -> None:
-    best_model = record().causes[0]
-    sure = replace(best_model, evidence=replace(best_model.evidence, share=0.97))
-    (named,) = of(replace(record(), causes=[sure, *record().causes[1:]]), Named)
-    assert named.fits_as_well and "only by its priors" in named.say(PLAIN)
+    d = record()
+    rare = replace(d.causes[1], probability=0.0002)
+    rival = replace(d, alternatives=[rare.terms], by_likelihood=[rare.terms], causes=[d.causes[0], rare])
+    (named,) = of(rival, Named)
+    assert named.say(PLAIN) == (
+        "hysteresis (probability 61 %) is most probable, but only by its priors. By likelihood alone, gap + slew_limit"
+        " fits as well (its priors make it 3100 times less probable: 0.02 %)."
+    )
+    assert rival.headline == "verdict: ambiguous: hysteresis, or by likelihood alone gap + slew_limit"
+    both = replace(rival, alternatives=[["preload"], rare.terms])
+    (named,) = of(both, Named)
+    assert "between 2 sets of causes: hysteresis (probability 61 %); or preload. By likelihood alone" in named.say(
+        PLAIN
+    )
+
+
+def test_no_set_is_as_good_as_one_that_explains_nothing() -> None:
+    left = replace(record(), verdict="unexplained", unexplained_by="structure")
+    (named,) = of(left, Named)
+    assert named.say(PLAIN).endswith(" Next best: gap + slew_limit (31 %); preload.")
+    assert not any("as good" in text.lower() or "as well" in text for text in sentences(left))
+    sizes = Sizes([("gap", GAP)], [("preload", GAP)], "unexplained").say(PLAIN)
+    assert "; of the next best: " in sizes and "as well" not in sizes
 
 
 def test_heavy_tails_are_reported_with_the_readings_that_they_take_up() -> None:

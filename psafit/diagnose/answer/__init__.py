@@ -19,6 +19,7 @@ from psafit.diagnose.answer.findings import (
     Named,
     NothingShows,
     Restricted,
+    Rival,
     Room,
     Sizes,
     Unseen,
@@ -30,7 +31,6 @@ from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import UNSEEN, CauseResult, Diagnosis, ParameterResult
 from psafit.diagnose.words import PLAIN
 from psafit.inference import noise
-from psafit.model_search.model_set import CREDIBLE
 from psafit.physics import owner
 
 __all__ = [
@@ -133,8 +133,7 @@ def _named(d: Diagnosis) -> Statement:
         causes=d.named,
         # Where a discrepancy takes it all, a share of what is left says nothing.
         probability=None if best_model is None or d.mostly_unnamed or not d.named else best_model.probability,
-        alternatives=d.alternatives,
-        fits_as_well=best_model is not None and best_model.evidence.share >= CREDIBLE,
+        alternatives=list(_rivals(d)),
         rejected=bool(d.misfit.baseline.objection),
         left=d.unexplained_by,
         objection=after.objection if after and d.unexplained_by else "",
@@ -145,13 +144,24 @@ def _named(d: Diagnosis) -> Statement:
     )
 
 
+def _rivals(d: Diagnosis) -> Iterator[Rival]:
+    """The alternatives, each with how probable it is."""
+    probability = {tuple(c.terms): c.probability for c in d.causes}
+    own = probability.get(tuple(d.named))
+    for ids in d.alternatives:
+        p = probability.get(tuple(ids))
+        # Where a discrepancy takes it all, a share of what is left says nothing.
+        shown = None if d.mostly_unnamed else p
+        yield Rival(ids, shown, own / p if own and p else None, ids in d.by_likelihood)
+
+
 def _values(d: Diagnosis) -> Iterator[Statement]:
     """How large the causes are, and what of that is implausible."""
     tied = [c for ids in d.alternatives[:2] for c in d.causes if c.terms == ids]
     own = _sized([d.best_model] if d.best_model else [])
     others = {name: p for name, p in _sized(tied).items() if name not in own}
     if own or others:
-        yield Sizes(list(own.items()), list(others.items()))
+        yield Sizes(list(own.items()), list(others.items()), d.verdict)
     named = [d.best_model] if d.best_model and d.named else []
     if odd := [(c.terms, c.strange) for c in [*named, *tied] if c.strange]:
         yield Implausible(odd)

@@ -110,6 +110,27 @@ class NothingShows(Statement):
 
 
 @dataclass(frozen=True)
+class Rival:
+    """A set that is reported with what is named.
+
+    Parameters
+    ----------
+    causes : list of str
+    probability : float, optional
+        None where it says nothing, or is not on record.
+    times : float, optional
+        By how much it is less probable than what is named.
+    by_likelihood : bool
+        Whether it is reported only because it fits as well.
+    """
+
+    causes: list[str]
+    probability: float | None
+    times: float | None
+    by_likelihood: bool
+
+
+@dataclass(frozen=True)
 class Named(Statement):
     """What is named, and what does as well.
 
@@ -120,9 +141,7 @@ class Named(Statement):
         Best first; empty where no cause helps.
     probability : float, optional
         None where it says nothing.
-    alternatives : list of lists of str
-    fits_as_well : bool
-        Whether only what is plausible beforehand speaks for the first of several.
+    alternatives : list of Rival
     rejected : bool
         Whether the tests reject the baseline, or readings that stand out together, or its need of heavy tails, do.
     left : {"", "structure", "smooth", "law", "values"}
@@ -143,8 +162,7 @@ class Named(Statement):
     verdict: VerdictWord
     causes: list[str]
     probability: float | None
-    alternatives: list[list[str]]
-    fits_as_well: bool
+    alternatives: list[Rival]
     rejected: bool
     left: Why
     objection: Objection
@@ -157,10 +175,7 @@ class Named(Statement):
         what = words.causes(self.causes)
         if self.probability is not None:
             what = words.put("{} (probability {})", what, words.per_cent(self.probability))
-        texts = [words.instead(self.causes, ids) for ids in self.alternatives[:_TIED]]
-        if more := len(self.alternatives) - len(texts):
-            texts.append(f"{more} more set{'' if more == 1 else 's'}")
-        tied = words.joined("; or ", texts)
+        near = [words.instead(self.causes, r.causes) for r in self.alternatives if not r.by_likelihood]
         unnamed = words.put(" A discrepancy without a name keeps {} of the probability.", words.per_cent(self.unnamed))
         rest = unnamed if self.unnamed >= WORTH_SAYING else ""
         other = self.looked_at.no_other("set of these causes" if self.restricted else "set")
@@ -173,11 +188,11 @@ class Named(Statement):
             how = "{} takes up what is wrong, and {} does as well, but at values that are implausible: that is the"
             return words.put(how + " shape of what is missing, and perhaps not the mechanism.{}", what, other, rest)
         if self.verdict == "ambiguous":
-            if self.fits_as_well:
-                how = "{} is most plausible, but only by its priors: these readings are fitted as well by {}.{}"
-                return words.put(how, what, tied, rest)
-            how = "These readings cannot decide between {} sets of causes: {}; or {}.{}"
-            return words.put(how, len(self.alternatives) + 1, what, tied, rest)
+            likely = self._by_likelihood(words)
+            if not near:
+                return words.put("{} is most probable, but only by its priors.{}{}", what, likely, rest)
+            how = "These readings cannot decide between {} sets of causes: {}; or {}.{}{}"
+            return words.put(how, len(near) + 1, what, words.joined("; or ", _first(near)), likely, rest)
         if not self.causes:
             looked = "that was looked at" if self.restricted else "of the catalogue"
             return words.put("No cause {} explains what these readings show.{}", looked, rest)
@@ -187,11 +202,34 @@ class Named(Statement):
             "law": "it breaks a law that holds whatever the causes are",
         }[self.left or "structure"]
         odd = f"{_P_VALUE[self.objection]} = {significant(self.p_after, 2)}; " if self.objection else ""
-        also = words.put(" As good as {}: {}.", words.causes(self.causes), tied) if texts else ""
+        others = [
+            words.instead(self.causes, r.causes)
+            if r.probability is None
+            else words.put("{} ({})", words.instead(self.causes, r.causes), words.share(r.probability))
+            for r in self.alternatives
+        ]
+        also = words.put(" Next best: {}.", words.joined("; ", _first(others))) if others else ""
         return words.put(
             "The best extension is {}, but {} ({}probability of a discrepancy {}).{}",
             what, why, odd, words.per_cent(self.unnamed), also,
         )  # fmt: skip
+
+    def _by_likelihood(self, words: Words) -> str:
+        """What fits as well, and by how much it is less probable."""
+        found = []
+        for r in (r for r in self.alternatives if r.by_likelihood):
+            why = ""
+            if r.probability is not None and r.times is not None:
+                how = " (its priors make it {} times less probable: {})"
+                why = words.put(how, words.number(significant(r.times, 2)), words.share(r.probability))
+            found.append(words.put("{} fits as well{}", words.instead(self.causes, r.causes), why))
+        return words.put(" By likelihood alone, {}.", words.joined("; ", _first(found))) if found else ""
+
+
+def _first(texts: list[str]) -> list[str]:
+    """The first of some sets in words, and how many more there are."""
+    more = len(texts) - _TIED
+    return texts if more <= 0 else [*texts[:_TIED], f"{more} more set{'' if more == 1 else 's'}"]
 
 
 @dataclass(frozen=True)
@@ -210,17 +248,19 @@ class Kind(Statement):
 
 @dataclass(frozen=True)
 class Sizes(Statement):
-    """How large the causes are: each parameter with its value, of what is named and of what does as well."""
+    """How large the causes are: each parameter with its value, of what is named and of the sets reported with it."""
 
     topic = "wrong"
     named: list[tuple[str, ParameterResult]]
     others: list[tuple[str, ParameterResult]]
+    verdict: VerdictWord
 
     def say(self, words: Words) -> str:
         own, others = (self._by_cause(words, values) for values in (self.named, self.others))
         if not (own and others):
             return words.put("Size, with 90 % interval: {}.", own or others)
-        return words.put("Size, with 90 % interval: {}; of the others that do as well: {}.", own, others)
+        whose = "the next best" if self.verdict == "unexplained" else "the others"
+        return words.put("Size, with 90 % interval: {}; of {}: {}.", own, whose, others)
 
     @staticmethod
     def _by_cause(words: Words, values: list[tuple[str, ParameterResult]]) -> str:

@@ -132,7 +132,7 @@ class Diagnosis(Brief):
     named : list of str
         The adopted extension.
     alternatives : list of lists of str
-        Sets that fit as well; an empty one is the baseline.
+        Sets that do as well: needed for 95 % of the probability, or fitting as well; an empty one is the baseline.
     causes : list of CauseResult
         Most probable first.
     looked_at : LookedAt
@@ -171,6 +171,8 @@ class Diagnosis(Brief):
         How much work went into each part.
     laws : list of Broken
         Laws that hold whatever the causes are, and that the model adopted, or one of the first alternatives, breaks.
+    by_likelihood : list of lists of str
+        Alternatives that fit as well, and that are not needed for 95 % of the probability.
     unexplained_by : {"", "structure", "smooth", "law", "values"}
         Why what is named does not explain the readings: structure remains, a smooth curve in its place is more
         probable, it breaks a law, or it has implausible values.
@@ -217,6 +219,7 @@ class Diagnosis(Brief):
     settings: Settings = field(default_factory=Settings)
     laws: list[Broken] = field(default_factory=list)
     unexplained_by: Why = ""
+    by_likelihood: list[list[str]] = field(default_factory=list)
     calibration: Calibration | None = field(default=None, metadata=ABSENT)
     influence: Influence | None = field(default=None, metadata=ABSENT)
     draft: Draft | None = field(default=None, metadata=ABSENT)
@@ -236,9 +239,12 @@ class Diagnosis(Brief):
         """The verdict in a line: the named set, and those that do as well, by name as long as these are few."""
         sets = [self.named] if self.named else []
         if self.verdict == "ambiguous":
-            sets += self.alternatives
+            sets += sorted(self.alternatives, key=lambda ids: ids in self.by_likelihood)
         listed = [ids for k, ids in enumerate(sets) if k == 0 or sum(map(len, sets[: k + 1])) <= _NAMES]
-        words = [" + ".join(ids) or "nothing" for ids in listed]
+        words = [
+            ("by likelihood alone " if ids in self.by_likelihood else "") + (" + ".join(ids) or "nothing")
+            for ids in listed
+        ]
         if more := len(sets) - len(listed):
             words.append(f"{more} more set{'' if more == 1 else 's'}")
         n = len(self.screening)

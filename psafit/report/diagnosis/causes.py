@@ -304,7 +304,7 @@ def _bars(
 
 
 def alternatives(result: Diagnosis, most: int = 12) -> dict[str, Any]:
-    """Sets that do as well as the named one, `most` of them."""
+    """Sets that are reported with the named one, `most` of them."""
     listed_ones = {tuple(c.terms): c for c in result.causes}
     rows = []
     for ids in result.alternatives[:most]:
@@ -315,11 +315,13 @@ def alternatives(result: Diagnosis, most: int = 12) -> dict[str, Any]:
                 words.share(c.probability) if c else "–",
                 words.signed(c.evidence.over_baseline) if c else "–",
                 words.signed(c.evidence.gain) if c else "–",
+                "it fits as well" if ids in result.by_likelihood else "its probability",
                 ("sampled" if c.sampled else "estimated from a short fit") if c else "–",
             ]
         )
     return {
         "named": model(result.named) if result.named else None,
+        "tied": result.verdict != "unexplained",
         "rows": rows,
         "more": max(0, len(result.alternatives) - most),
     }
