@@ -174,7 +174,7 @@ class Draft:
     width : float
         Of the departure, in the logarithm.
     share : float
-        Of the discrepancy's squares that it takes up, a factor common to all readings aside.
+        Of the discrepancy's squares at all readings that it takes up, a factor common to each observable aside.
     """
 
     file: str
