@@ -200,12 +200,13 @@ def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, reported: str
         (
             "adequate",
             [],
-            "Added to the baseline and refitted, no cause that could be bounded changes a reading by more than 7.5 %",
+            "Added to the baseline and refitted, no cause of the 1 (of 3) that could be bounded changes a reading by more than 7.5 %",
         ),
         (
             "explained",
             ["gap"],
-            "Added to gap and refitted, no cause that could be bounded changes a reading by more than 7.5 %",
+            "Added to gap and refitted, no cause of the 1 (of 2) that could be bounded changes a reading by more than"
+            " 7.5 %",
         ),
         ("unexplained", [], None),
     ],
@@ -214,7 +215,7 @@ def test_what_a_cause_may_change_is_said_of_what_was_bounded(verdict: str, named
     """Given a model that does not explain the readings, no bound means anything."""
     record = make_record(make_experiment())
     shown, other = record.screening[:2]
-    bounded = [replace(shown, room=0.075), replace(other, room=None)]
+    bounded = [replace(shown, id="preload", room=0.075), replace(other, room=None), record.screening[2]]
     texts = sentences(replace(record, verdict=verdict, named=named, screening=bounded))
     found = [text for text in texts if "changes a reading" in text]
     assert [text.partition(", with 95 %")[0] for text in found] == ([said] if said else [])

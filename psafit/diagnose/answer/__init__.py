@@ -188,7 +188,7 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
     left = {s.id: s.room for s in d.screening if s.room is not None}
     if left and d.verdict != "unexplained":  # given a model that is wrong it bounds nothing
         widest = max(left, key=lambda id: left[id])
-        yield Room(d.named, widest, left[widest])
+        yield Room(d.named, widest, left[widest], len(left), len({s.id for s in d.screening} - {*d.named}))
 
 
 def _tails(d: Diagnosis, terms: list[str]) -> tuple[float, float] | None:

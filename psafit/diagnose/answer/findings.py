@@ -359,7 +359,7 @@ class Unseen(Statement):
 class Room(Statement):
     """The largest change of a reading that the readings leave a cause added to what is adopted (95 %).
 
-    It holds of those causes alone whose effect could be bounded, only if what is adopted is right, and of what no other
+    It holds of the `bounded` causes alone, of all others, only if what is adopted is right, and of what no other
     parameter could do in the cause's place. Less than `least` is not worth a number.
     """
 
@@ -367,11 +367,14 @@ class Room(Statement):
     adopted: list[str]
     cause: str
     share: float
+    bounded: int
+    of: int
     least: float = 0.001
 
     def say(self, words: Words) -> str:
         return words.put(
-            "Added to {} and refitted, no cause that could be bounded changes a reading by more than {}, with 95 %"
-            " probability ({}).",
-            words.causes(self.adopted), words.fraction(max(self.share, self.least)), words.cause(self.cause),
+            "Added to {} and refitted, no cause of the {} (of {}) that could be bounded changes a reading by more than {},"
+            " with 95 % probability ({}).",
+            words.causes(self.adopted), self.bounded, self.of, words.fraction(max(self.share, self.least)),
+            words.cause(self.cause),
         )  # fmt: skip

@@ -23,6 +23,7 @@ from psafit.diagnose.record.misfit import (
 )
 from psafit.diagnose.record.models import (
     NEAREST,
+    NEXT_BEST,
     NOT_EXCLUDED,
     UNSEEN,
     Apart,
@@ -44,6 +45,7 @@ from psafit.records import ABSENT, Brief, Numerics
 __all__ = [
     "MARKER",
     "NEAREST",
+    "NEXT_BEST",
     "NOT_EXCLUDED",
     "PAGE",
     "PREDICTIONS",
