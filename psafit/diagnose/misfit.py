@@ -56,7 +56,7 @@ Objection = Literal["", "tests", "together", "tails"]
 
 CHARACTERS: dict[Character, str] = {
     "none": "no particular character",
-    "physics": "the misfit follows the conditions, or the order of the readings: the physics is wrong, not the scatter",
+    "physics": "the misfit follows the conditions, or the order of the readings: the physics is wrong",
     "scatter": "the mean is right; the law of the scatter is not",
     "group": "it is all due to one group",
     "points": "it is all due to a few odd readings",
@@ -93,6 +93,16 @@ class Statistic:
     excess: float
     p_value: float
     significant: bool
+
+
+def described(character: Character, statistics: Sequence[Statistic]) -> str:
+    """The character of a misfit in words, and what the statistics say of the scatter where the physics is wrong."""
+    text = CHARACTERS[character]
+    if character not in ("physics", "group"):
+        return text
+    if any(s.significant and s.kind == "spread" for s in statistics):
+        return f"{text}, and the law of the scatter is off, too"
+    return f"{text}, not the scatter" if character == "physics" else text
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from diagnoses_by_hand import make_experiment, make_record
 
-from psafit.diagnose.answer import ByChance, Furthest, Gained, Judged, Named, Searched, Sizes, answer, sentences
+from psafit.diagnose.answer import ByChance, Furthest, Gained, Judged, Kind, Named, Searched, Sizes, answer, sentences
 from psafit.diagnose.misfit import Coincidence
 from psafit.diagnose.record import Broken, Diagnosis, ParameterResult
 from psafit.diagnose.significance import Significance
@@ -61,6 +61,16 @@ def test_why_the_best_extension_is_no_explanation() -> None:
         "A ball cannot gain more than the drive gives. hysteresis breaks that law at 3 readings, most at group 1."
         in (sentences(replace(d, laws=[law])))
     )
+
+
+def test_the_scatter_is_not_called_right_where_its_statistics_stand_out() -> None:
+    d = record()
+    mean, spread = d.misfit.baseline.statistics
+    for significant, said in ((False, "the physics is wrong, not the scatter."), (True, "scatter is off, too.")):
+        statistics = [mean, replace(spread, significant=significant)]
+        baseline = replace(d.misfit.baseline, statistics=statistics)
+        (kind_of,) = of(replace(d, misfit=replace(d.misfit, baseline=baseline)), Kind)
+        assert kind_of.say(PLAIN).endswith(said)
 
 
 def test_a_named_set_is_held_to_what_is_asked_of_the_baseline() -> None:

@@ -84,7 +84,7 @@ def answer(d: Diagnosis) -> tuple[Statement, ...]:
     found += [_judged(d), _named(d)]
     tests = d.misfit.baseline
     if d.misfit.p_value < ALPHA and tests.character != "none":
-        found.append(Kind(tests.character, tests.odd_groups, len(tests.odd_points)))
+        found.append(Kind(tests.character, tests.odd_groups, len(tests.odd_points), tests.statistics))
     found += [*_values(d), *map(BreaksLaw, d.laws), *_unseen(d), *_robust(d)]
     if d.influence and (carried := [c for c in d.influence.causes if c.half]):
         found.append(LivesOn(carried, len(d.influence.tail)))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from psafit.diagnose.answer.statement import Statement
-from psafit.diagnose.misfit import ALPHA, CHARACTERS, Character, Objection
+from psafit.diagnose.misfit import ALPHA, Character, Objection, Statistic, described
 from psafit.diagnose.record import Broken, ParameterResult, Reading
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.diagnose.words import Words
@@ -240,10 +240,13 @@ class Kind(Statement):
     character: Character
     groups: list[GroupId]
     points: int
+    statistics: list[Statistic]
 
     def say(self, words: Words) -> str:
         which = {"group": f": {', '.join(map(str, self.groups))}", "points": f": {self.points} of them"}
-        return words.put("Of the baseline: {}{}.", CHARACTERS[self.character], which.get(self.character, ""))
+        return words.put(
+            "Of the baseline: {}{}.", described(self.character, self.statistics), which.get(self.character, "")
+        )
 
 
 @dataclass(frozen=True)

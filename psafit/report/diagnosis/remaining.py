@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from psafit.arrays import FloatArray
 from psafit.compare import known
-from psafit.diagnose.misfit import ALPHA, CHARACTERS, Objection
+from psafit.diagnose.misfit import ALPHA, Objection, described
 from psafit.diagnose.record import Diagnosis, Tests
 from psafit.diagnose.significance import OTHERWISE, Significance
 from psafit.report.diagnosis import words
@@ -56,7 +56,7 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
         "wrong": tests.p_value < ALPHA,
         "sound": not tests.objection,
         "objection": _OBJECTS[tests.objection],
-        "character": CHARACTERS[tests.character],
+        "character": described(tests.character, tests.statistics),
         "n_simulated": tests.n_simulated,
         "refit": "refitted with the model itself" if tests.refit == "exact" else "refitted with its expansion",
         "odd_groups": words.group_ids(tests.odd_groups) if tests.odd_groups else None,
