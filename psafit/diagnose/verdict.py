@@ -6,7 +6,8 @@ r"""From the model set, the tests and the discrepancy to a verdict.
   an adequate baseline must be and breaks no law that holds whatever the causes are (`psafit.diagnose.laws`), and none
   of its values is implausible. That no other set does as well is said only where those that were not sampled have less
   than a hundredth of the probability together.
-* ``ambiguous``: several sets together have 95 % of it, or sets of no more causes fit as well; each would do.
+* ``ambiguous``: several sets together have 95 % of it, or sets of no more causes fit as well. Where the best of them
+  breaks a law or has implausible values, the verdict carries that reason: it is no explanation.
 * ``unexplained``: after the best extension structure remains, a discrepancy is more probable than any cause, or the
   only set that fits breaks a law or has implausible values.
 
@@ -50,7 +51,7 @@ class Verdict:
         Alternatives that fit as well and are not needed: what is plausible beforehand alone holds them back.
     unexplained_by : {"", "structure", "smooth", "law", "values"}
         Why the named set does not explain the readings: structure remains, a smooth curve in its place is more
-        probable, it breaks a law, or its values are implausible.
+        probable, it breaks a law, or its values are implausible. An ambiguous verdict has one of the last two, too.
     """
 
     verdict: VerdictWord
@@ -119,9 +120,9 @@ def conclude(
     if residual or mostly_unnamed:
         why: Why = "structure" if residual or added > instead else "smooth"
         return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, why, likely)
-    if alternatives:
-        return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion, "", likely)
     why = "law" if laws else "values" if strange else ""
+    if alternatives:
+        return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion, why, likely)
     return Verdict("unexplained" if why else "explained", named, (), probability, unnamed, inclusion, why)
 
 

@@ -117,6 +117,21 @@ def test_no_set_is_as_good_as_one_that_explains_nothing() -> None:
     assert "; of the next best: " in sizes and "as well" not in sizes
 
 
+def test_a_set_that_breaks_a_law_is_no_explanation_among_others() -> None:
+    d = record()
+    law = Broken("energy", d.named, 1, 200.0, 20.0, 2.0, 1.0, 3, "group 1")
+    broken = replace(d, unexplained_by="law", laws=[law])
+    (named,) = of(broken, Named)
+    assert "hysteresis is no explanation: it breaks a law that holds whatever the causes are." in named.say(PLAIN)
+    assert broken.headline == "verdict: ambiguous: hysteresis (breaks a law), or gap + slew_limit, or preload"
+    assert kind(broken) == "bad"
+    other = replace(d, laws=[replace(law, terms=["preload"])])
+    assert other.headline.endswith("or gap + slew_limit, or preload (breaks a law)") and kind(other) == "warn"
+    odd = replace(d, unexplained_by="values")
+    (named,) = of(odd, Named)
+    assert "cannot decide" in named.say(PLAIN) and "it fits only at values that are implausible" in named.say(PLAIN)
+
+
 def test_heavy_tails_are_reported_with_the_readings_that_they_take_up() -> None:
     best_model = record().causes[0]
     for ends, reported in (((2.1, 3.4), True), ((2.1, 80.0), False)):
@@ -144,7 +159,10 @@ def test_what_fits_at_implausible_values_is_not_said_to_explain() -> None:
     d = replace(record(), verdict="unexplained", unexplained_by="values", alternatives=[])
     (named,) = of(d, Named)
     assert "explains" not in named.say(PLAIN) and "does as well, but at values" in named.say(PLAIN)
-    assert d.headline == "verdict: unexplained: hysteresis (at implausible values)" and kind(d) == "warn"
+    assert (
+        d.headline == "verdict: unexplained; best of the catalogue: hysteresis (at implausible values)"
+        and kind(d) == "warn"
+    )
     usual = replace(d, verdict="explained", unexplained_by="")
     (named,) = of(usual, Named)
     assert "hysteresis (probability 61 %) explains the misfit" in named.say(PLAIN)
@@ -210,13 +228,14 @@ def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, reported: str
         (
             "adequate",
             [],
-            "Added to the baseline and refitted, no cause of the 1 (of 3) that could be bounded changes a reading by more than 7.5 %",
+            "Added to the baseline and refitted, no cause of the 1 (of 3) that could be bounded changes a reading by"
+            " more than 7.5 %",
         ),
         (
             "explained",
             ["gap"],
-            "Added to gap and refitted, no cause of the 1 (of 2) that could be bounded changes a reading by more than"
-            " 7.5 %",
+            "Added to gap and refitted, no cause of the 1 (of 2) that could be bounded changes a reading by"
+            " more than 7.5 %",
         ),
         ("unexplained", [], None),
     ],

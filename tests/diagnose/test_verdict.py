@@ -10,12 +10,14 @@ from truths import FEW, experiment, problem
 
 from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import ALPHA, Coincidence, examine
+from psafit.diagnose.record import Broken
 from psafit.diagnose.verdict import conclude
 from psafit.inference.candidate import fit
 from psafit.model_search import search_models
 
 PAIR = Coincidence("frequency", (("a", 1), ("c", 1)), 200.0, 200.0, 0.2, 3.0, 0.01)
 """Two readings of different groups that stand out together."""
+LAW = Broken("carried", ["amplifier_lag"], "a", 200.0, 20.0, 1.0, 2.0, 3, "group a")
 
 
 def test_verdicts(hidden, sound):
@@ -94,6 +96,10 @@ def test_verdicts(hidden, sound):
     # A set that fits breaks no law, and none of its values is implausible, or it explains nothing.
     odd = conclude(hidden, before, after, none, hopeless, strange=["amplifier_lag_tau"])
     assert (odd.verdict, odd.unexplained_by, odd.named) == ("unexplained", "values", ("amplifier_lag",))
+    # That holds of a set that others do as well as.
+    for change, why in (({"laws": [LAW]}, "law"), ({"strange": ["amplifier_lag_tau"]}, "values"), ({}, "")):
+        found = conclude(tied, before, after, none, hopeless, **change)
+        assert (found.verdict, found.unexplained_by) == ("ambiguous", why)
     # What has no name and keeps a part next to an explanation is reported with it.
     doubted = conclude(hidden, before, after, replace(left, log_bayes=np.log(9 * 0.25)), hopeless)
     assert doubted.verdict == "explained" and doubted.unnamed == pytest.approx(0.2)

@@ -377,7 +377,7 @@ def test_the_headline_names_what_is_tied() -> None:
 
     assert said("adequate", [], []) == "verdict: adequate"
     assert said("explained", ["a", "b"], []) == "verdict: explained: a + b"
-    assert said("unexplained", ["a"], [["b"]]) == "verdict: unexplained: a"
+    assert said("unexplained", ["a"], [["b"]]) == "verdict: unexplained; best of the catalogue: a"
     assert said("ambiguous", ["a"], [["b", "c"], []]) == "verdict: ambiguous: a, or b + c, or nothing"
     assert said("ambiguous", list("abcdef"), [["x"], ["y"]]).endswith("a + b + c + d + e + f, or 2 more sets")
 

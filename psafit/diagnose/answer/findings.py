@@ -25,6 +25,12 @@ _REMAINS: dict[Objection, str] = {
     "together": "readings of several groups still stand out together",
     "tails": "it passes the tests only because heavy tails take up what stands out",
 }
+# Why a set is no explanation though nothing remains of the readings.
+_NONE: dict[Why, str] = {
+    "smooth": "a smooth curve in its place is more probable",
+    "law": "it breaks a law that holds whatever the causes are",
+    "values": "it fits only at values that are implausible",
+}
 _P_VALUE: dict[Objection, str] = {"tests": "family-wise p", "together": "p", "tails": "p without them"}
 # Sets that do as well as what is named, and are named one by one.
 _TIED = 6
@@ -184,23 +190,21 @@ class Named(Statement):
             if not self.rejected:
                 how = "{} fits far better, and {} does as well; the tests alone would not have objected.{}"
             return words.put(how, what, other, rest)
-        if self.left == "values":
+        if self.verdict == "unexplained" and self.left == "values":
             how = "{} takes up what is wrong, and {} does as well, but at values that are implausible: that is the"
             return words.put(how + " shape of what is missing, and perhaps not the mechanism.{}", what, other, rest)
         if self.verdict == "ambiguous":
-            likely = self._by_likelihood(words)
+            likely, no = self._by_likelihood(words), ""
+            if self.left:
+                no = words.put(f" {{}} is no explanation: {_NONE[self.left]}.", words.causes(self.causes))
             if not near:
-                return words.put("{} is most probable, but only by its priors.{}{}", what, likely, rest)
-            how = "These readings cannot decide between {} sets of causes: {}; or {}.{}{}"
-            return words.put(how, len(near) + 1, what, words.joined("; or ", _first(near)), likely, rest)
+                return words.put("{} is most probable, but only by its priors.{}{}{}", what, likely, no, rest)
+            how = "These readings cannot decide between {} sets of causes: {}; or {}.{}{}{}"
+            return words.put(how, len(near) + 1, what, words.joined("; or ", _first(near)), likely, no, rest)
         if not self.causes:
             looked = "that was looked at" if self.restricted else "of the catalogue"
             return words.put("No cause {} explains what these readings show.{}", looked, rest)
-        why = {
-            "structure": _REMAINS[self.objection],
-            "smooth": "a smooth curve in its place is more probable",
-            "law": "it breaks a law that holds whatever the causes are",
-        }[self.left or "structure"]
+        why = _NONE[self.left] if self.left in ("law", "smooth") else _REMAINS[self.objection]
         odd = f"{_P_VALUE[self.objection]} = {significant(self.p_after, 2)}; " if self.objection else ""
         others = [
             words.instead(self.causes, r.causes)
@@ -376,8 +380,8 @@ class Room(Statement):
 
     def say(self, words: Words) -> str:
         return words.put(
-            "Added to {} and refitted, no cause of the {} (of {}) that could be bounded changes a reading by more than {},"
-            " with 95 % probability ({}).",
+            "Added to {} and refitted, no cause of the {} (of {}) that could be bounded changes a reading by more than"
+            " {}, with 95 % probability ({}).",
             words.causes(self.adopted), self.bounded, self.of, words.fraction(max(self.share, self.least)),
             words.cause(self.cause),
         )  # fmt: skip

@@ -173,6 +173,7 @@ class Diagnosis(Brief):
         How much work went into each part.
     laws : list of Broken
         Laws that hold whatever the causes are, and that the model adopted, or one of the first alternatives, breaks.
+        An ambiguous verdict has one of the last two, too.
     by_likelihood : list of lists of str
         Alternatives that fit as well, and that are not needed for 95 % of the probability.
     unexplained_by : {"", "structure", "smooth", "law", "values"}
@@ -243,16 +244,20 @@ class Diagnosis(Brief):
         if self.verdict == "ambiguous":
             sets += sorted(self.alternatives, key=lambda ids: ids in self.by_likelihood)
         listed = [ids for k, ids in enumerate(sets) if k == 0 or sum(map(len, sets[: k + 1])) <= _NAMES]
-        words = [
-            ("by likelihood alone " if ids in self.by_likelihood else "") + (" + ".join(ids) or "nothing")
-            for ids in listed
-        ]
+        words = [("by likelihood alone " if ids in self.by_likelihood else "") + self._marked(ids) for ids in listed]
         if more := len(sets) - len(listed):
             words.append(f"{more} more set{'' if more == 1 else 's'}")
         n = len(self.screening)
         restricted = f" (of {n} cause{'' if n == 1 else 's'} looked at)" if self.left_out else ""
-        strange = " (at implausible values)" if self.unexplained_by == "values" else ""
-        return f"verdict: {self.verdict}" + (f": {', or '.join(words)}" if words else "") + strange + restricted
+        head = "; best of the catalogue: " if self.verdict == "unexplained" else ": "
+        return f"verdict: {self.verdict}" + (f"{head}{', or '.join(words)}" if words else "") + restricted
+
+    def _marked(self, ids: list[str]) -> str:
+        """A set by its causes, marked where it is no explanation whatever its probability."""
+        text = " + ".join(ids) or "nothing"
+        if any({*law.terms} == {*ids} for law in self.laws):
+            return f"{text} (breaks a law)"
+        return f"{text} (at implausible values)" if ids == self.named and self.unexplained_by == "values" else text
 
     def table(self, folder: Path, name: str) -> Path:
         """A table of predictions, refused where somebody has changed it."""

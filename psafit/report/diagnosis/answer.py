@@ -127,6 +127,8 @@ def kind(result: Diagnosis) -> str:
     A baseline that nothing refutes may be less probable than others, and what fits may do so at implausible values.
     """
     doubtful = result.verdict == "adequate" and kept(result) < 0.5
+    if result.unexplained_by == "law":
+        return "bad"
     return "warn" if doubtful or result.unexplained_by == "values" else _KINDS[result.verdict]
 
 
