@@ -161,6 +161,7 @@ def _tests(misfit: Misfit, candidate: Candidate, where: list[Where] | None = Non
         refit=misfit.refit,
         usual_tails=misfit.usual_tails,
         where=where,
+        floor=1 / (misfit.n_simulated + 1),
     )
 
 

@@ -14,6 +14,7 @@ from psafit.diagnose.record import Broken, Diagnosis, ParameterResult
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
 from psafit.model_search.model_set import LookedAt
+from psafit.report.diagnosis import remaining
 from psafit.report.diagnosis.answer import kind
 
 GAP = ParameterResult(1e-7, None, None, "m", "what it means", 0.5)
@@ -84,6 +85,12 @@ def test_a_named_set_is_held_to_what_is_asked_of_the_baseline() -> None:
         left = replace(d, verdict="unexplained", unexplained_by="structure", misfit=replace(d.misfit, extended=after))
         (named,) = of(left, Named)
         assert words in named.say(PLAIN)
+    # What is the least that the simulated data sets can give is an upper limit.
+    after = replace(d.misfit.extended, p_value=0.005, floor=0.005)
+    least = replace(d, verdict="unexplained", unexplained_by="structure", misfit=replace(d.misfit, extended=after))
+    (named,) = of(least, Named)
+    assert "(family-wise p <= 0.005; " in named.say(PLAIN) and remaining.tests(after)["p"] == "p ≤ 0.005"
+    assert remaining.tests(replace(after, p_value=0.01))["p"] == "p = 0.010"
     # The tests alone do not object to a baseline in which readings stand out together, but its verdict does.
     baseline = replace(d.misfit.baseline, p_value=0.4, coincidences=[pair])
     found = replace(d, verdict="explained", alternatives=[], misfit=replace(d.misfit, p_value=0.4, baseline=baseline))

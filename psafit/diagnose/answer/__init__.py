@@ -138,6 +138,7 @@ def _named(d: Diagnosis) -> Statement:
         left=d.unexplained_by,
         objection=after.objection if after and d.unexplained_by else "",
         p_after=after.least if after else 1.0,
+        floor=after.floor if after else 0.0,
         unnamed=d.unnamed,
         looked_at=d.looked_at,
         restricted=bool(d.left_out),

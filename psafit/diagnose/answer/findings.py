@@ -13,7 +13,7 @@ from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.model_search.model_set import LookedAt
 from psafit.physics import owner
-from psafit.text import significant
+from psafit.text import p_text, significant
 
 WORTH_SAYING = 0.05
 """Probability of a discrepancy without a name, or of another set, from which on it is worth a sentence."""
@@ -158,6 +158,8 @@ class Named(Statement):
         tails.
     p_after : float
         Its p value.
+    floor : float
+        The least that the simulated data sets can give.
     unnamed : float
         Probability of a discrepancy without a name.
     looked_at : LookedAt
@@ -173,6 +175,7 @@ class Named(Statement):
     left: Why
     objection: Objection
     p_after: float
+    floor: float
     unnamed: float
     looked_at: LookedAt
     restricted: bool
@@ -205,7 +208,7 @@ class Named(Statement):
             looked = "that was looked at" if self.restricted else "of the catalogue"
             return words.put("No cause {} explains what these readings show.{}", looked, rest)
         why = _NONE[self.left] if self.left in ("law", "smooth") else _REMAINS[self.objection]
-        odd = f"{_P_VALUE[self.objection]} = {significant(self.p_after, 2)}; " if self.objection else ""
+        odd = f"{_P_VALUE[self.objection]} {p_text(self.p_after, self.floor)}; " if self.objection else ""
         others = [
             words.instead(self.causes, r.causes)
             if r.probability is None

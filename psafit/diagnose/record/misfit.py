@@ -79,7 +79,10 @@ class Reading:
 
 @dataclass(frozen=True)
 class Tests:
-    """What the tests say of one model: see `psafit.diagnose.misfit.Misfit`; `where` of the extension only."""
+    """What the tests say of one model: see `psafit.diagnose.misfit.Misfit`; `where` of the extension only.
+
+    `floor` is the least p value that so many simulated data sets can give: one at it means "at most".
+    """
 
     p_value: float
     character: Character
@@ -92,6 +95,7 @@ class Tests:
     refit: str
     usual_tails: float | None = field(default=None, metadata=ABSENT)
     where: list[Where] | None = field(default=None, metadata=ABSENT)
+    floor: float = 0.0
 
     @property
     def objection(self) -> Objection:

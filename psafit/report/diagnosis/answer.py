@@ -134,11 +134,16 @@ def kind(result: Diagnosis) -> str:
 
 def tiles(result: Diagnosis, shown: Sequence[Shown]) -> list[dict[str, str]]:
     """The key numbers: p values, and how far the models are off."""
-    found = [{"value": p_value(result.misfit.p_value), "label": "p value: baseline against the readings"}]
+    found = [
+        {
+            "value": p_value(result.misfit.p_value, result.misfit.baseline.floor),
+            "label": "p value: baseline against the readings",
+        }
+    ]
     if result.misfit.extended:
         what = "best causes, not adopted," if result.verdict == "adequate" else "extension"
         label = f"p value: {what} against the readings"
-        found.append({"value": p_value(result.misfit.extended.p_value), "label": label})
+        found.append({"value": p_value(result.misfit.extended.p_value, result.misfit.extended.floor), "label": label})
     for k, curve in enumerate(shown[0].curves):
         errors = [g.errors[k] for g in shown]
         label = f"typical factor between {curve.name} and reading, fitted to all groups"

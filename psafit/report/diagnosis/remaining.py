@@ -52,7 +52,7 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
     """What the tests of one model found, `most` of them, the most striking first."""
     odd = [Markup("reading {} of group {}").format(k + 1, g) for g, k in tests.odd_points]
     return {
-        "p": words.p_text(tests.p_value),
+        "p": words.p_text(tests.p_value, tests.floor),
         "wrong": tests.p_value < ALPHA,
         "sound": not tests.objection,
         "objection": _OBJECTS[tests.objection],
@@ -68,7 +68,7 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
                 "all" if s.group is None else Markup("group {}").format(s.group),
                 _LOOKS_AT.get(s.kind, s.kind),
                 typeset(fixed(s.excess, 2)),
-                p_value(s.p_value),
+                p_value(s.p_value, tests.floor),
                 {"text": "yes", "kind": "bad" if tests.p_value < ALPHA else "warn"} if s.significant else "no",
             ]
             for s in tests.statistics[:most]
