@@ -18,6 +18,7 @@ from scipy.stats import beta
 
 from psafit.challenge.answer import Place
 from psafit.challenge.campaign import PRIOR, SEEN_NATS, Result
+from psafit.diagnose.trials import stands
 from psafit.text import fixed
 
 Ids = frozenset[str]
@@ -302,9 +303,8 @@ def _row(result: Result) -> Row:
     members = reported_set(diagnosis)
     verdict = diagnosis["verdict"] if diagnosis else "failed"
     printed = [c.get("probability") for c in diagnosis.get("causes", []) if frozenset(c["terms"]) == truth]
-    # What is named at implausible values is named all the same.
-    stands = verdict != "unexplained" or diagnosis.get("unexplained_by") == "values"
-    exact = not outside and bool(diagnosis) and stands and frozenset(diagnosis["named"]) == truth
+    named = bool(diagnosis) and stands(verdict, diagnosis.get("unexplained_by", ""))
+    exact = not outside and named and frozenset(diagnosis["named"]) == truth
     return Row(
         id=result.spec.id,
         kind=result.spec.kind,

@@ -91,7 +91,7 @@ def answer(d: Diagnosis) -> tuple[Statement, ...]:
     if d.misfit.search:
         found.append(ByChance(d.misfit.search))
     if d.calibration:
-        found.append(Calibrated(d.calibration))
+        found.append(Calibrated(d.calibration, d.explains))
     found += [Gained(gain, d.training) for gain in d.gain.values()] or [NoGain(d.quick)]
     if d.draft:
         found.append(Drafted(d.draft))

@@ -35,7 +35,7 @@ from psafit.diagnose.record.models import (
     ScreeningResult,
 )
 from psafit.diagnose.settings import Settings
-from psafit.diagnose.trials import Calibration, VerdictWord, Why
+from psafit.diagnose.trials import Calibration, VerdictWord, Why, stands
 from psafit.errors import InputError
 from psafit.experiment import GroupId
 from psafit.files import sha256
@@ -231,6 +231,11 @@ class Diagnosis(Brief):
     def best_model(self) -> CauseResult | None:
         """The adopted model, where it is among the models of the record."""
         return next((c for c in self.causes if c.terms == self.named), None)
+
+    @property
+    def explains(self) -> bool:
+        """Whether what it says is put forward as the truth: see `psafit.diagnose.trials.stands`."""
+        return stands(self.verdict, self.unexplained_by)
 
     @property
     def strange(self) -> list[str]:
