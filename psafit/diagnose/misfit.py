@@ -10,8 +10,8 @@ point.
 
 A fit is *sound* where the family finds nothing, no readings of several groups stand out together (by the same level),
 and heavy tails were not needed to pass. Tails are heavy where a fitted number of degrees of freedom lies in the lower
-half of its prior; they were needed where the same tests fail once it is held to the upper half. All three look at the
-same residuals, so that together they raise hardly more false alarms than the family alone (docs/statistics.md).
+half of its prior; they were needed where the same tests fail once it is held to the upper half. Each look is taken at
+the level of the family; docs/diagnosis.md says how often all of them together object to a sound model.
 """
 
 from __future__ import annotations
