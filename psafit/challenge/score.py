@@ -77,6 +77,8 @@ class Row:
         Of the diagnosis.
     seed : int
         Replays the data set.
+    n_named : int
+        Causes that are named.
     """
 
     id: str
@@ -95,6 +97,7 @@ class Row:
     probability: float | None
     seconds: float
     seed: int
+    n_named: int = 0
 
     @property
     def detected(self) -> bool:
@@ -314,6 +317,7 @@ def _row(result: Result) -> Row:
         gain=result.oracle.gain,
         verdict=verdict,
         named=_label(diagnosis["named"]) if diagnosis else "failed",
+        n_named=len(diagnosis["named"]) if diagnosis else 0,
         in_set=not outside and truth in members,
         exact=exact,
         located=outside and located(diagnosis, result.answer.places),
