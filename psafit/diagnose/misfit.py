@@ -163,8 +163,32 @@ class Coincidence:
     p_value: float
 
 
+class Tested:
+    """A model that was tested, here or on record."""
+
+    p_value: float
+    coincidences: Sequence[Coincidence]
+    usual_tails: float | None
+
+    @property
+    def objection(self) -> Objection:
+        """What speaks against the model, if anything does."""
+        if self.p_value < ALPHA:
+            return "tests"
+        if self.coincidences:
+            return "together"
+        return "tails" if self.usual_tails is not None and self.usual_tails < ALPHA else ""
+
+    @property
+    def least(self) -> float:
+        """The p value of what speaks against the model, or that of the family."""
+        if self.objection == "together":
+            return min(c.p_value for c in self.coincidences)
+        return self.usual_tails if self.objection == "tails" and self.usual_tails is not None else self.p_value
+
+
 @dataclass(frozen=True, eq=False)
-class Misfit:
+class Misfit(Tested):
     """What the tests say of one fitted model.
 
     Parameters
@@ -204,16 +228,6 @@ class Misfit:
     usual_tails: float | None = None
 
     @property
-    def objection(self) -> Objection:
-        """What speaks against the model, if anything does."""
-        return objection_to(self.p_value, self.coincidences, self.usual_tails)[0]
-
-    @property
-    def least(self) -> float:
-        """The p value of what speaks against the model, or that of the family."""
-        return objection_to(self.p_value, self.coincidences, self.usual_tails)[1]
-
-    @property
     def wrong(self) -> bool:
         """Whether the tests reject the model."""
         return self.p_value < ALPHA
@@ -228,19 +242,6 @@ class Misfit:
     def sound(self) -> bool:
         """Whether nothing is wrong: the tests pass, without heavy tails, and no readings stand out together."""
         return not self.objection
-
-
-def objection_to(
-    p_value: float, coincidences: Sequence[Coincidence], usual_tails: float | None
-) -> tuple[Objection, float]:
-    """What speaks against a model, and its p value; that of the family where nothing does."""
-    if p_value < ALPHA:
-        return "tests", p_value
-    if coincidences:
-        return "together", min(c.p_value for c in coincidences)
-    if usual_tails is not None and usual_tails < ALPHA:
-        return "tails", usual_tails
-    return "", p_value
 
 
 def passes(candidate: Candidate, catalogue: Sequence[Term], *, seed: int) -> bool:

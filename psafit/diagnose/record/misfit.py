@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from psafit.diagnose.misfit import Character, Coincidence, Objection, Statistic, objection_to
+from psafit.diagnose.misfit import Character, Coincidence, Statistic, Tested
 from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.show import Offset
 from psafit.diagnose.significance import Significance
@@ -78,7 +78,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Tests:
+class Tests(Tested):
     """What the tests say of one model: see `psafit.diagnose.misfit.Misfit`; `where` of the extension only.
 
     `floor` is the least p value that so many simulated data sets can give: one at it means "at most".
@@ -96,16 +96,6 @@ class Tests:
     usual_tails: float | None = field(default=None, metadata=ABSENT)
     where: list[Where] | None = field(default=None, metadata=ABSENT)
     floor: float = 0.0
-
-    @property
-    def objection(self) -> Objection:
-        """What speaks against the model, if anything does."""
-        return objection_to(self.p_value, self.coincidences, self.usual_tails)[0]
-
-    @property
-    def least(self) -> float:
-        """The p value of what speaks against the model, or that of the family."""
-        return objection_to(self.p_value, self.coincidences, self.usual_tails)[1]
 
 
 @dataclass(frozen=True)
