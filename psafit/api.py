@@ -248,8 +248,8 @@ class Fitted(_Shown):
         groups = f"group{'s' * (len(record.groups) > 1)} {', '.join(str(g) for g in record.groups)}"
         headline = f"{model}, fitted to {groups} of {record.title}: {unseen}"
         state = "" if self.run.summary.converged else f"; {self.run.summary.message}"
-        scores = self.scores[["role", "n_points", "log_rmse", "coverage_90", "verdict"]]
-        scores = scores.assign(verdict=scores["verdict"].str.partition(",")[0])
+        scores = self.scores[["role", "n_points", "log_rmse", "coverage_90", "size"]]
+        scores = scores.rename(columns={"size": "verdict"})
         # The name is the row's.
         rows = [
             [s.name, s.text.removeprefix(f"{s.name} ").removeprefix("= "), f"{s.r_hat:.4f}"]

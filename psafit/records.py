@@ -15,7 +15,7 @@ import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -398,6 +398,10 @@ class Numerics:
     common_growth: float
 
 
+Size = Literal["", "predicted well", "fitted well", "followed closely", "roughly followed", "missed", "says nothing"]
+"""How well a group is met, in a word or two."""
+
+
 @dataclass(frozen=True)
 class GroupScore:
     """How well one group was predicted; see `psafit.validate` for each formula.
@@ -431,6 +435,8 @@ class GroupScore:
         Whether a prediction can fail here: the drive is on, and some readings are above zero. Others enter no mean.
     verdict : str
         One plain sentence.
+    size : str
+        Its first words: how well the group is met.
     """
 
     group: GroupId
@@ -449,6 +455,7 @@ class GroupScore:
     verdict: str
     observable: str | None = dataclasses.field(default=None, metadata=ABSENT)
     unit: str | None = dataclasses.field(default=None, metadata=ABSENT)
+    size: Size = ""
 
     @property
     def of(self) -> str:

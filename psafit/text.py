@@ -88,6 +88,15 @@ def percent(fraction: float) -> str:
     return f"{text} %"
 
 
+def p_text(p: float, floor: float) -> str:
+    """A p value: ``= 0.013``, or ``<= 0.005`` where it is the least that so many simulated data sets can give.
+
+    >>> p_text(0.013, 0.005), p_text(0.005, 0.005)
+    ('= 0.013', '<= 0.005')
+    """
+    return f"{'<=' if p <= floor else '='} {significant(p, 2)}"
+
+
 def count(n: int, noun: str) -> str:
     """A number of things: ``1 reading``, ``2 readings``."""
     return f"{n} {noun}{'' if n == 1 else 's'}"

@@ -21,6 +21,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ from psafit.inference import noise
 from psafit.inference.problem import Problem
 from psafit.inference.run_folder import Run
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
-from psafit.records import GroupScore, Validation, write_json
+from psafit.records import GroupScore, Size, Validation, write_json
 from psafit.text import fixed
 
 OFFSET_UM = LAUNCH_RANGE.offset
@@ -54,6 +55,8 @@ COLUMNS = (
 GOOD, FAIR = 0.15, 0.30
 # Of every test; it is run once a group.
 LEVEL = 0.01
+# Readings of a group from which on its band and its order are judged.
+JUDGED = 5
 
 
 @dataclass(frozen=True)
@@ -341,6 +344,7 @@ def score(prediction: Prediction) -> GroupScore:
     inside_90 = (measured >= prediction.lower) & (measured <= prediction.upper)
     if read.traced:  # neighbours are in the band together, or out of it: each given those before is what counts
         inside_50, inside_90 = (np.abs(prediction.pit - 0.5) <= 0.5 * share for share in (0.5, 0.9))
+    held, fitted = float(np.mean(inside_90)), prediction.role == "fit"
     return GroupScore(
         group=prediction.group.id,
         observable=None if read is LAUNCH_RANGE else read.name,
@@ -350,14 +354,15 @@ def score(prediction: Prediction) -> GroupScore:
         log_rmse=root_mean_square(error),
         log_bias=float(np.mean(error)),
         coverage_50=float(np.mean(inside_50)),
-        coverage_90=float(np.mean(inside_90)),
+        coverage_90=held,
         crps_um=float(np.mean(prediction.crps)),
         elpd=float(np.sum(prediction.log_density)),
         elpd_per_point=float(np.mean(prediction.log_density)),
         pit_p_value=prediction.pit_p_value,
         drift_p_value=prediction.drift_p_value,
         informative=not silent,
-        verdict=silenced or verdict(error, float(np.mean(inside_90)), prediction.pit_p_value, prediction.drift_p_value),
+        verdict=silenced or verdict(error, held, prediction.pit_p_value, prediction.drift_p_value, fitted=fitted),
+        size="says nothing" if silent else size_of(root_mean_square(error), held, measured.size, fitted=fitted),
     )
 
 
@@ -383,15 +388,50 @@ def drifting(validation: Validation) -> bool:
     return any(s.role == "fit" and s.drift_p_value < LEVEL for s in validation.groups)
 
 
+Predicts = Literal["not tested", "yes", "too sure", "misses a trend", "roughly", "no"]
+"""Whether a fit predicts the groups it has not seen."""
+
+
+def predicts(validation: Validation) -> Predicts:
+    """Whether a fit predicts what it has not seen: only where errors, bands and order are right in every group."""
+    mean, unseen = validation.holdout_log_rmse, _unseen(validation)
+    if mean is None or not unseen:
+        return "not tested"
+    if mean > GOOD:
+        return "roughly" if mean <= FAIR else "no"
+    if too_narrow(unseen) or any(map(_narrow, unseen)):
+        return "too sure"
+    return "misses a trend" if any(s.drift_p_value < LEVEL for s in unseen) else "yes"
+
+
 def caution(validation: Validation) -> str:
     """Why the values of a fit may stand in for what the model lacks; empty where nothing says so."""
     if drifting(validation):
         return "the errors of what was fitted drift"
-    unseen = [s for s in validation.groups if s.role == "holdout" and s.informative]
+    unseen = _unseen(validation)
     if unseen and too_narrow(unseen):
         return "its 90 % band holds too few of the unseen readings"
+    if narrow := [str(s.group) for s in unseen if _narrow(s)]:
+        return f"its 90 % band holds too few of the readings of unseen group {', '.join(dict.fromkeys(narrow))}"
+    if trend := [str(s.group) for s in unseen if s.drift_p_value < LEVEL]:
+        return f"the errors of unseen group {', '.join(dict.fromkeys(trend))} drift"
     missed = validation.holdout_log_rmse is not None and validation.holdout_log_rmse > FAIR
     return "the groups it has not seen are missed" if missed else ""
+
+
+def _unseen(validation: Validation) -> list[GroupScore]:
+    """Groups that were held out and can show a failure."""
+    return [s for s in validation.groups if s.role == "holdout" and s.informative]
+
+
+def _narrow(score: GroupScore) -> bool:
+    """Whether the band of one group, which has readings enough, holds too few of them."""
+    return score.n_points >= JUDGED and too_narrow([score])
+
+
+def shows_trends(score: GroupScore) -> bool:
+    """Whether a sweep has readings enough to show a trend that the model misses."""
+    return score.n_points >= JUDGED and math.isfinite(score.drift_p_value)
 
 
 def coverage(scores: Sequence[GroupScore]) -> float:
@@ -409,16 +449,23 @@ def _slack(n: int) -> float:
     return 2 * math.sqrt(0.9 * 0.1 / n)
 
 
-def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_value: float, fewest: int = 5) -> str:
-    """One plain sentence about a group, from its log errors and the scores of its band.
+def size_of(log_rmse: float, coverage: float, n: int, *, fitted: bool) -> Size:
+    """How well a group is met, in a word or two: by its error, and by whether its band could be judged and holds."""
+    if log_rmse > GOOD:
+        return "roughly followed" if log_rmse <= FAIR else "missed"
+    if n < JUDGED or coverage < 0.9 - _slack(n):
+        return "followed closely"
+    return "fitted well" if fitted else "predicted well"
 
-    The band is judged by `fewest` readings or more.
-    """
+
+def verdict(
+    error: FloatArray, coverage: float, pit_p_value: float, drift_p_value: float, *, fitted: bool = False
+) -> str:
+    """One plain sentence about a group, from its log errors and the scores of its band, and whether it was fitted."""
     rmse, n = root_mean_square(error), error.size
-    judged = n >= fewest
+    judged = n >= JUDGED
     narrow = judged and coverage < 0.9 - _slack(n)
-    well = "predicted well" if judged and not narrow else "followed closely"
-    size = well if rmse <= GOOD else "roughly followed" if rmse <= FAIR else "missed"
+    size = size_of(rmse, coverage, n, fitted=fitted)
     worst = int(np.argmax(np.abs(error)))
     ruled = n > 2 and error[worst] ** 2 > 0.5 * np.sum(error**2)
     factor = _factor(rmse)
@@ -435,7 +482,7 @@ def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_valu
     elif pit_p_value < LEVEL:
         parts.append("its 90 % band is wide enough, but the readings are not spread over it as predicted")
     elif not drifts:
-        parts.append("its band is honest")
+        parts.append("nothing speaks against its band")
     if drifts:
         absorbed = "" if narrow else " that the scatter absorbs"
         parts.append(f"its errors drift along the sweep: the model misses a trend{absorbed}")

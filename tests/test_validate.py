@@ -147,13 +147,14 @@ def test_predictions_csv_keeps_the_contract(checked) -> None:  # type: ignore[no
 @pytest.mark.parametrize(
     "large, error, coverage, uniform, drift, words",
     [
-        (50, 0.05, 0.9, 0.5, 0.5, "predicted well, typically off by ×1.05, either way; its band is honest"),
+        (50, 0.05, 0.9, 0.5, 0.5, "predicted well, typically off by ×1.05, either way; nothing speaks against its"
+         " band"),
         (95, 0.8, 0.3, 1e-3, 0.5, "missed, typically off by ×2.23, mostly too large (by ×2.05 on average); its 90 %"
          " band holds only 30 % of the readings"),
         (5, 0.8, 0.95, 1e-3, 0.5, "mostly too small (by ×2.05 on average); its 90 % band is wide enough, but the"
          " readings are not spread over it as predicted"),
         (65, 0.2, 0.9, 0.5, 0.5, "roughly followed, typically off by ×1.22, mostly too large (by ×1.06 on average)"),
-        (60, 0.2, 0.9, 0.5, 0.5, "off by ×1.22, either way; its band is honest"),
+        (60, 0.2, 0.9, 0.5, 0.5, "off by ×1.22, either way; nothing speaks against its band"),
         (50, 0.5, 1.0, 1e-3, 0.5, "its 90 % band is too wide"),
         (50, 0.25, 0.9, 0.5, 1e-3, "either way; its errors drift along the sweep: the model misses a trend that the"
          " scatter absorbs"),
@@ -165,7 +166,7 @@ def test_verdicts_in_words(large: int, error: float, coverage: float, uniform: f
     errors = np.where(np.arange(100) < large, error, -error)
     said = validate.verdict(errors, coverage, uniform, drift)
     assert words in said
-    assert ("honest" in said) == (coverage == 0.9 and uniform == drift == 0.5)
+    assert ("speaks against" in said) == (coverage == 0.9 and uniform == drift == 0.5)
 
 
 def test_a_fit_predicts_only_with_errors_and_coverage_that_are_known() -> None:
@@ -194,6 +195,28 @@ def test_values_are_doubted_where_the_fit_does_not_predict(checked) -> None:  # 
         groups = [fitted, replace(unseen, coverage_90=coverage)]
         assert validate.caution(replace(found, groups=groups, holdout_log_rmse=error)) == why
     assert validate.caution(replace(found, groups=[fitted], holdout_log_rmse=None)) == ""
+
+
+def test_one_unseen_group_that_fails_is_not_averaged_away(checked) -> None:  # type: ignore[no-untyped-def]
+    found = checked[1]
+    good = replace(found.groups[0], role="holdout", n_points=60, coverage_90=0.9, drift_p_value=0.5, informative=True)
+    for change, word, why in (
+        ({}, "yes", ""),
+        ({"coverage_90": 0.7}, "too sure", "its 90 % band holds too few of the readings of unseen group 7"),
+        ({"drift_p_value": 0.001}, "misses a trend", "the errors of unseen group 7 drift"),
+        ({"coverage_90": 0.5, "n_points": 4}, "yes", ""),  # too few readings to judge
+        ({"coverage_90": 0.7, "drift_p_value": 0.001, "informative": False}, "yes", ""),
+    ):
+        bad = replace(good, group=7, n_points=20) if change else good
+        groups = [replace(good, n_points=300), replace(bad, **change)]
+        one = replace(found, groups=groups, holdout_log_rmse=0.1)
+        assert (validate.predicts(one), validate.caution(one)) == (word, why)
+    assert validate.predicts(replace(found, groups=[good], holdout_log_rmse=None)) == "not tested"
+
+
+def test_what_was_fitted_is_not_called_predicted() -> None:
+    assert validate.verdict(np.full(50, 0.05), 0.9, 0.5, 0.5, fitted=True).startswith("fitted well, ")
+    assert validate.size_of(0.05, 0.9, 50, fitted=False) == "predicted well"
 
 
 def test_many_small_errors_against_few_large_ones() -> None:
@@ -227,7 +250,7 @@ def test_a_group_that_cannot_show_it_enters_no_mean(checked) -> None:  # type: i
 
 def test_no_word_of_the_band_of_a_few_readings() -> None:
     said = validate.verdict(np.full(4, 0.05), 1.0, 1e-3, 1e-3)
-    assert said.endswith("too few readings to judge its band") and "honest" not in said
+    assert said.endswith("too few readings to judge its band") and "speaks against" not in said
 
 
 def test_a_validation_without_p_values_reads_back(checked, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]

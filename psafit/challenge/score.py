@@ -19,6 +19,7 @@ from scipy.stats import beta, bootstrap
 
 from psafit.challenge.answer import Place
 from psafit.challenge.campaign import PRIOR, SEEN_NATS, Result
+from psafit.diagnose.trials import stands
 from psafit.text import fixed
 
 Ids = frozenset[str]
@@ -90,6 +91,8 @@ class Row:
         Of the diagnosis.
     seed : int
         Replays the data set.
+    n_named : int
+        Causes that are named.
     """
 
     id: str
@@ -109,6 +112,7 @@ class Row:
     log_score: float | None
     seconds: float
     seed: int
+    n_named: int = 0
 
     @property
     def detected(self) -> bool:
@@ -342,9 +346,8 @@ def _row(result: Result) -> Row:
     members = reported_set(diagnosis)
     verdict = diagnosis["verdict"] if diagnosis else "failed"
     printed = [c.get("probability") for c in diagnosis.get("causes", []) if frozenset(c["terms"]) == truth]
-    # What is named at implausible values is named all the same.
-    stands = verdict != "unexplained" or diagnosis.get("unexplained_by") == "values"
-    exact = not outside and bool(diagnosis) and stands and frozenset(diagnosis["named"]) == truth
+    named = bool(diagnosis) and stands(verdict, diagnosis.get("unexplained_by", ""))
+    exact = not outside and named and frozenset(diagnosis["named"]) == truth
     return Row(
         id=result.spec.id,
         kind=result.spec.kind,
@@ -354,6 +357,7 @@ def _row(result: Result) -> Row:
         gain=result.oracle.gain,
         verdict=verdict,
         named=_label(diagnosis["named"]) if diagnosis else "failed",
+        n_named=len(diagnosis["named"]) if diagnosis else 0,
         in_set=not outside and truth in members,
         exact=exact,
         located=outside and located(diagnosis, result.answer.places),

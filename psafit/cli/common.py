@@ -195,7 +195,11 @@ def plugin_words() -> list[object]:
 
 
 def print_scores(validation: Any) -> None:
-    """Print how each group was predicted."""
+    """Print how each group was predicted, and why the values of the fit may stand in for something else."""
+    from psafit.validate import caution
+
+    if why := caution(validation):
+        click.echo(f"{why}: these values may stand in for what the model lacks")
     for s in validation.groups:
         click.echo(f"group {s.group}{s.of} ({s.role}): log_rmse {s.log_rmse:.3f}; {s.verdict}")
     if validation.holdout_log_rmse is not None:

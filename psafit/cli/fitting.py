@@ -136,7 +136,6 @@ def fit(
             if not no_report:
                 whole.stage("validate")
                 from psafit.report.fit import write_report
-                from psafit.validate import caution
                 from psafit.validate import validate as check_predictions
 
                 validation, predictions = check_predictions(result)
@@ -146,8 +145,6 @@ def fit(
     if not quiet:
         _say_fit(result, numerics)
         if not no_report:
-            if why := caution(validation):
-                click.echo(f"{why}: these values may stand in for what the model lacks")
             print_scores(validation)
             click.echo(f"report: {shown_path(page)}")
     return DONE if result.summary.converged and numerics.converged else CHECK_FAILED

@@ -9,7 +9,8 @@ Each is diagnosed by the same search and judged by the same rules. What made it 
 often it is named or reported, what printed probabilities are worth, and how often 90 % intervals hold the truth (A.
 Gelman et al., Bayesian Workflow, arXiv:2011.01808, section 4; M. Modrák et al., Bayesian Analysis 20 (2025) 461).
 
-The truths drawn have names: what no cause describes is not among them.
+The truths drawn have names: what no cause describes is not among them. Of an unexplained verdict they are the best
+models of the catalogue, none of which explains the readings.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from psafit.arrays import FloatArray
 from psafit.diagnose.judging import judge
 from psafit.diagnose.searching import searched
 from psafit.diagnose.settings import Settings
-from psafit.diagnose.trials import Calibration, Trial, summed
+from psafit.diagnose.trials import Calibration, Trial, stands, summed
 from psafit.experiment import Experiment
 from psafit.inference import noise
 from psafit.inference.memory import Memory, shared_out
@@ -143,7 +144,8 @@ def tried(problem: Problem, truth: Truth, catalogue: Sequence[Term], seed: int, 
         verdict=verdict.verdict,
         named=list(verdict.named),
         alternatives=[list(ids) for ids in verdict.alternatives],
-        printed=None if verdict.verdict == "unexplained" else verdict.probability[adopted.ids],
+        printed=verdict.probability[adopted.ids] if stands(verdict.verdict, verdict.unexplained_by) else None,
         held=sum(bool(lower[k] <= truth.values[names[k]] <= upper[k]) for k in shared),
         intervals=len(shared),
+        why=verdict.unexplained_by,
     )

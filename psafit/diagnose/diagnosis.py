@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -261,7 +261,6 @@ class Work:
         screening = results.screening_of(
             screen(model_set.baseline, self.catalogue), given_best, model_set, verdict, self.seed
         )
-        tables = [PREDICTIONS, *(one.predictions for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
             verdict=verdict.verdict,
@@ -274,9 +273,10 @@ class Work:
             gain=measured,
             next_experiment=proposal,
             predictions=PREDICTIONS,
-            files={name: sha256(self.folder / name) for name in tables},
+            files=_seals(self.folder, measured),
             laws=laws,
             unexplained_by=verdict.unexplained_by,
+            by_likelihood=[list(ids) for ids in verdict.by_likelihood],
             sentences=[],
             unnamed=verdict.unnamed,
             screening=screening,
@@ -516,6 +516,12 @@ def _model_set_of(
         Problem(experiment, groups), catalogue, seed=seed, settings=settings, memory=memory, jobs=jobs,
         scheduler=scheduler, starts=starts, progress=progress,
     )  # fmt: skip
+
+
+def _seals(folder: Path, measured: Mapping[str, gains.Gain]) -> dict[str, str]:
+    """SHA-256 of each table of predictions."""
+    tables = [PREDICTIONS, *(one.predictions for one in measured.values())]
+    return {name: sha256(folder / name) for name in tables}
 
 
 def _tied(model_set: ModelSet, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, ImportanceSample]]:

@@ -12,11 +12,14 @@ fit. So a diagnosis with ``--plugin draft_cause.py`` scores it on held-out group
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.discrepancy import Discrepancy
@@ -46,7 +49,8 @@ class DraftSettings:
     widths : tuple of float
         In the logarithm: from a tenth of an octave's factor to a decade.
     share : float
-        Of the discrepancy's squares that a draft must take up: half, so that it describes more than it leaves.
+        Of the discrepancy's squares at all readings that a draft must take up: half, so that it describes more than it
+        leaves.
     """
 
     places: int = 50
@@ -65,7 +69,9 @@ def drafted(judgement: Judgement, folder: Path) -> Draft | None:
 
 
 def draft(candidate: Candidate, left: Discrepancy, folder: Path, settings: DraftSettings | None = None) -> Draft | None:
-    """Describe what a model leaves, and write it as a cause; None where no axis takes up enough of it.
+    """Describe what a model leaves, and write it as a cause.
+
+    None where the readings do not ask for a discrepancy, or no axis takes up enough of it.
 
     Parameters
     ----------
@@ -73,11 +79,15 @@ def draft(candidate: Candidate, left: Discrepancy, folder: Path, settings: Draft
         The model to which the discrepancy was added.
     left : Discrepancy
     folder : Path
-        Where `draft_cause.py` goes; one that is there stays, for somebody may have edited it.
+        Where `draft_cause.py` goes; `draft_cause_2.py` and so on where another is there, which somebody may have
+        edited.
     settings : DraftSettings, optional
     """
     settings = settings or DraftSettings()
     design = candidate.problem.design
+    whole = _squares(left, design.measured)
+    if left.log_bayes <= 0 or whole == 0:
+        return None
     usable = (design.measured == OBSERVABLES.index(LAUNCH_RANGE)) & np.isfinite(left.sd)
     axes: dict[Axis, FloatArray] = {
         "frequency": design.frequency, "amplitude": design.amplitude, "range": candidate.predicted,
@@ -86,20 +96,37 @@ def draft(candidate: Candidate, left: Discrepancy, folder: Path, settings: Draft
     for axis, values in axes.items():
         rows = usable & (values > 0)
         if rows.sum() > 3 and np.ptp(x := np.log(values[rows])) > 0:
-            found = _described(axis, x, left.mean[rows], settings)
+            found = _described(axis, x, left.mean[rows], whole, settings)
             best = found if best is None or found.share > best.share else best
     if best is None or best.share < settings.share:
         return None
     spread = np.log(axes[best.axis][usable & (axes[best.axis] > 0)])
-    if not (folder / FILE).exists():
-        _write(folder / FILE, best, float(spread.min()), float(spread.max()))
-    return best
+    text = _text(best, float(spread.min()), float(spread.max())).encode()
+    path = next(p for p in _names(folder) if not p.exists() or p.read_bytes() == text)
+    write_atomically(path, text)
+    return replace(best, file=path.name)
 
 
-def _described(axis: Axis, x: FloatArray, y: FloatArray, settings: DraftSettings) -> Draft:
+def _names(folder: Path) -> Iterator[Path]:
+    """Where a draft may go: ``draft_cause.py``, ``draft_cause_2.py`` and so on."""
+    first = folder / FILE
+    yield first
+    for k in itertools.count(2):
+        yield first.with_stem(f"{first.stem}_{k}")
+
+
+def _squares(left: Discrepancy, measured: NDArray[np.signedinteger]) -> float:
+    """Squares of a discrepancy at all readings that show one, apart from a factor common to each observable."""
+    seen = np.isfinite(left.sd)
+    each = (left.mean[seen & (measured == kind)] for kind in np.unique(measured[seen]))
+    return float(sum(np.sum((y - y.mean()) ** 2) for y in each))
+
+
+def _described(axis: Axis, x: FloatArray, y: FloatArray, whole: float, settings: DraftSettings) -> Draft:
     """The factor on one axis that takes up most of a discrepancy, apart from one common to all; `x` is a logarithm.
 
-    How large it is: by what readings differ that it changes most and least. Between readings it may be anything.
+    How large it is: by what readings differ that it changes most and least. Between readings it may be anything. Its
+    share is of the `whole` squares.
     """
     y = y - y.mean()
     best = Draft(FILE, axis, math.exp(float(x[0])), 1.0, settings.widths[0], 0.0)
@@ -108,18 +135,18 @@ def _described(axis: Axis, x: FloatArray, y: FloatArray, settings: DraftSettings
             bump = np.exp(-0.5 * ((x - place) / width) ** 2)
             own = bump - bump.mean()
             size = float(own @ own)
-            if size < 1e-9 or y @ y == 0:
+            if size < 1e-9:
                 continue
             strength = float(own @ y) / size
-            share = strength * float(own @ y) / float(y @ y)
+            share = strength * float(own @ y) / whole
             if share > best.share:
                 factor = math.exp(strength * float(np.ptp(bump)))
                 best = Draft(FILE, axis, math.exp(float(place)), factor, width, share)
     return best
 
 
-def _write(path: Path, found: Draft, low: float, high: float) -> None:
-    """Write the file; its symptom is worked out as `psafit check-cause` does."""
+def _text(found: Draft, low: float, high: float) -> str:
+    """The file's text; its symptom is worked out as `psafit check-cause` does."""
     unit, scale = {"frequency": ("Hz", 1.0), "amplitude": ("V", 1.0), "range": ("m", 1.0 / MICRO)}[found.axis]
     middle, half = math.exp(0.5 * (low + high)) * scale, max(0.5 * (high - low), math.log(2.0))
     place, reach = f"{float(f'{found.place * scale:.3g}'):g} {unit}", f"{math.exp(found.width):.3g}"
@@ -132,8 +159,7 @@ def _write(path: Path, found: Draft, low: float, high: float) -> None:
         first = folder / FILE
         first.write_text(_filled(text, sign="0", over_frequency="mixed", over_amplitude="mixed"), "utf-8")
         shown = observe(plugin.read(first), STUDY)
-    text = _filled(text, sign=str(shown.sign), over_frequency=shown.frequency, over_amplitude=shown.amplitude)
-    write_atomically(path, text.encode())
+    return _filled(text, sign=str(shown.sign), over_frequency=shown.frequency, over_amplitude=shown.amplitude)
 
 
 def _filled(text: str, **values: str) -> str:

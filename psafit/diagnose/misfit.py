@@ -10,7 +10,8 @@ point.
 
 A fit is *sound* where the family finds nothing, no readings of several groups stand out together (by the same level),
 and heavy tails were not needed to pass. Tails are heavy where a fitted number of degrees of freedom lies in the lower
-half of its prior; they were needed where the same tests fail once it is held to the upper half.
+half of its prior; they were needed where the same tests fail once it is held to the upper half. Each look is taken at
+the level of the family; docs/diagnosis.md says how often all of them together object to a sound model.
 """
 
 from __future__ import annotations
@@ -49,10 +50,13 @@ ALPHA = 0.02
 
 Character = Literal["none", "physics", "scatter", "group", "points", "sessions"]
 
+Objection = Literal["", "tests", "together", "tails"]
+"""What speaks against a model: the family of tests, readings that stand out together, or that it needs heavy tails."""
+
 
 CHARACTERS: dict[Character, str] = {
     "none": "no particular character",
-    "physics": "the misfit follows the conditions, or the order of the readings: the physics is wrong, not the scatter",
+    "physics": "the misfit follows the conditions, or the order of the readings: the physics is wrong",
     "scatter": "the mean is right; the law of the scatter is not",
     "group": "it is all due to one group",
     "points": "it is all due to a few odd readings",
@@ -89,6 +93,16 @@ class Statistic:
     excess: float
     p_value: float
     significant: bool
+
+
+def described(character: Character, statistics: Sequence[Statistic]) -> str:
+    """The character of a misfit in words, and what the statistics say of the scatter where the physics is wrong."""
+    text = CHARACTERS[character]
+    if character not in ("physics", "group"):
+        return text
+    if any(s.significant and s.kind == "spread" for s in statistics):
+        return f"{text}, and the law of the scatter is off, too"
+    return f"{text}, not the scatter" if character == "physics" else text
 
 
 @dataclass(frozen=True)
@@ -149,8 +163,32 @@ class Coincidence:
     p_value: float
 
 
+class Tested:
+    """A model that was tested, here or on record."""
+
+    p_value: float
+    coincidences: Sequence[Coincidence]
+    usual_tails: float | None
+
+    @property
+    def objection(self) -> Objection:
+        """What speaks against the model, if anything does."""
+        if self.p_value < ALPHA:
+            return "tests"
+        if self.coincidences:
+            return "together"
+        return "tails" if self.usual_tails is not None and self.usual_tails < ALPHA else ""
+
+    @property
+    def least(self) -> float:
+        """The p value of what speaks against the model, or that of the family."""
+        if self.objection == "together":
+            return min(c.p_value for c in self.coincidences)
+        return self.usual_tails if self.objection == "tails" and self.usual_tails is not None else self.p_value
+
+
 @dataclass(frozen=True, eq=False)
-class Misfit:
+class Misfit(Tested):
     """What the tests say of one fitted model.
 
     Parameters
@@ -203,8 +241,7 @@ class Misfit:
     @property
     def sound(self) -> bool:
         """Whether nothing is wrong: the tests pass, without heavy tails, and no readings stand out together."""
-        leans = self.usual_tails is not None and self.usual_tails < ALPHA
-        return not (self.wrong or self.coincidences or leans)
+        return not self.objection
 
 
 def passes(candidate: Candidate, catalogue: Sequence[Term], *, seed: int) -> bool:

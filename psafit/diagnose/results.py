@@ -12,6 +12,7 @@ from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.misfit import Coincidence, Misfit, Place
 from psafit.diagnose.record import (
     NEAREST,
+    NEXT_BEST,
     NOT_EXCLUDED,
     UNSEEN,
     CauseResult,
@@ -112,9 +113,10 @@ def screening_of(
     """
     visible = {s.term.id: s.visible for s in given_best}
     adopted, found = () if verdict.verdict == "adequate" else model_set.best_model.ids, []
+    bounds = verdict.verdict != "unexplained"  # a model that is wrong bounds nothing
     for s in screened:
         s = replace(s, visible=visible.get(s.term.id, s.visible))
-        left = None if s.term.id in adopted else room(model_set, adopted, s.term, seed=seed)
+        left = room(model_set, adopted, s.term, seed=seed) if bounds and s.term.id not in adopted else None
         found.append(
             ScreeningResult(
                 s.term.id,
@@ -132,12 +134,13 @@ def screening_of(
 def word_for(found: Screened, model_set: ModelSet, verdict: Verdict, left: Room | None) -> str:
     """What the whole model set says of one cause; the refit knows better than the expansion what it can do.
 
-    Not present is what would have been seen, and has less `left` to it than what would be.
+    Not present is what would have been seen, and has less `left` to it than what would be; a verdict that explains
+    nothing says it of no cause.
     """
     if verdict.named and verdict.inclusion.get(found.term.id, 0.0) > 0.5:
         return "present" if verdict.verdict != "unexplained" else NEAREST
     if any(found.term.id in ids for ids in verdict.alternatives):
-        return "as good"
+        return "as good" if verdict.verdict != "unexplained" else NEXT_BEST
     if model_set.gain((found.term.id,)) >= max(PRESENT, found.chance):
         return "explains part alone"
     if found.visible < VISIBLE:
@@ -158,6 +161,7 @@ def _tests(misfit: Misfit, candidate: Candidate, where: list[Where] | None = Non
         refit=misfit.refit,
         usual_tails=misfit.usual_tails,
         where=where,
+        floor=1 / (misfit.n_simulated + 1),
     )
 
 

@@ -16,6 +16,15 @@ Why = Literal["", "structure", "smooth", "law", "values"]
 """Why a set of causes does not explain the readings."""
 
 
+def stands(verdict: str, why: str) -> bool:
+    """Whether what a verdict names is put forward as the truth.
+
+    A set that explains nothing, or that breaks a law, is not. One that fits at implausible values alone is named all
+    the same.
+    """
+    return why == "values" or (verdict != "unexplained" and not why)
+
+
 @dataclass(frozen=True)
 class Trial:
     """One data set drawn from the answer, and what a diagnosis says of it.
@@ -28,9 +37,11 @@ class Trial:
     named : list of str
     alternatives : list of lists of str
     printed : float, optional
-        Probability printed of what is named; None of an unexplained one, which names nothing as true.
+        Probability printed of what is named; None where that is not put forward as the truth (`stands`).
     held, intervals : int
         90 % intervals that hold the truth, of those of parameters that the truth has, too.
+    why : {"", "structure", "smooth", "law", "values"}
+        Why what is named does not explain the readings.
     """
 
     truth: list[str]
@@ -40,11 +51,12 @@ class Trial:
     printed: float | None
     held: int
     intervals: int
+    why: Why = ""
 
     @property
     def exact(self) -> bool:
         """Whether the truth is what is named."""
-        return self.verdict != "unexplained" and {*self.named} == {*self.truth}
+        return stands(self.verdict, self.why) and {*self.named} == {*self.truth}
 
     @property
     def reported(self) -> bool:

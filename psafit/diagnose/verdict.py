@@ -2,11 +2,12 @@ r"""From the model set, the tests and the discrepancy to a verdict.
 
 * ``adequate``: the tests find nothing, without heavy tails (`psafit.diagnose.misfit.Misfit.sound`), and the baseline
   keeps at least one chance in twenty.
-* ``explained``: one set of causes has 95 % of what the catalogue's sets have together, the tests find nothing left
-  once it is adopted, its fit breaks no law that holds whatever the causes are (`psafit.diagnose.laws`), and none of
-  its values is implausible. That no other set does as well is said only where those that were not sampled have less
+* ``explained``: one set of causes has 95 % of what the catalogue's sets have together, its fit is as sound as that of
+  an adequate baseline must be and breaks no law that holds whatever the causes are (`psafit.diagnose.laws`), and none
+  of its values is implausible. That no other set does as well is said only where those that were not sampled have less
   than a hundredth of the probability together.
-* ``ambiguous``: several sets together have 95 % of it, or sets of no more causes fit as well; each would do.
+* ``ambiguous``: several sets together have 95 % of it, or sets of no more causes fit as well. Where the best of them
+  breaks a law or has implausible values, the verdict carries that reason: it is no explanation.
 * ``unexplained``: after the best extension structure remains, a discrepancy is more probable than any cause, or the
   only set that fits breaks a law or has implausible values.
 
@@ -22,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psafit.diagnose.discrepancy import Discrepancy
-from psafit.diagnose.misfit import ALPHA, Misfit
+from psafit.diagnose.misfit import Misfit
 from psafit.diagnose.record import Broken
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.model_search import Ids, ModelSet
@@ -39,16 +40,18 @@ class Verdict:
     named : tuple of str
         The causes adopted; first the one without which the best model loses most.
     alternatives : tuple of tuples of str
-        Sets that do as well.
+        Sets that do as well: those needed for 95 % of the probability, and those that fit as well.
     probability : dict
         Of each model fitted; what is missing to one is a discrepancy, or of sets that the search may have missed.
     unnamed : float
         Probability of a discrepancy without a name, added to what has one or in its place.
     inclusion : dict
         Probability of each cause to be part of the truth, given that the catalogue holds it.
+    by_likelihood : tuple of tuples of str
+        Alternatives that fit as well and are not needed: what is plausible beforehand alone holds them back.
     unexplained_by : {"", "structure", "smooth", "law", "values"}
         Why the named set does not explain the readings: structure remains, a smooth curve in its place is more
-        probable, it breaks a law, or its values are implausible.
+        probable, it breaks a law, or its values are implausible. An ambiguous verdict has one of the last two, too.
     """
 
     verdict: VerdictWord
@@ -58,6 +61,7 @@ class Verdict:
     unnamed: float
     inclusion: dict[str, float]
     unexplained_by: Why = ""
+    by_likelihood: tuple[Ids, ...] = ()
 
     @property
     def structured(self) -> bool:
@@ -94,9 +98,9 @@ def conclude(
         Prior probability of a discrepancy added to any model.
     """
     added, instead = _odds(model_set, left, bare, prior_unnamed)
-    p_value = (after or before).p_value
-    if p_value < ALPHA:  # what the tests find need not be smooth
-        added = max(added, prior_unnamed / (1 - prior_unnamed) * odds_against(p_value))
+    judged = after or before
+    if not judged.sound:  # what the tests find need not be smooth
+        added = max(added, prior_unnamed / (1 - prior_unnamed) * odds_against(judged.least))
     unnamed = (added + instead) / (1 + added + instead)
     probability = {ids: p * (1 - unnamed) * (1 - model_set.missed) for ids, p in model_set.probability.items()}
     inclusion: dict[str, float] = {}
@@ -111,13 +115,14 @@ def conclude(
     if not best:  # something is wrong, and no cause helps
         return Verdict("unexplained", (), (), probability, unnamed, inclusion)
     alternatives, named = model_set.rivals(best), _best_first(best, model_set)
-    residual = after is not None and after.p_value < ALPHA
+    likely = tuple(ids for ids in alternatives if ids not in model_set.needed(best))
+    residual = after is not None and not after.sound
     if residual or mostly_unnamed:
         why: Why = "structure" if residual or added > instead else "smooth"
-        return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, why)
-    if alternatives:
-        return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion)
+        return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, why, likely)
     why = "law" if laws else "values" if strange else ""
+    if alternatives:
+        return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion, why, likely)
     return Verdict("unexplained" if why else "explained", named, (), probability, unnamed, inclusion, why)
 
 

@@ -70,6 +70,10 @@ class Words:
         """Return nats with one digit behind the point."""
         return self.number(f"{fixed(value, 1)} nats")
 
+    def share(self, value: float, least: float = 0.01) -> str:
+        """Return a probability: in whole per cent, with two digits below `least`."""
+        return self.per_cent(value) if value >= least else self.fraction(value)
+
     def fraction(self, value: float) -> str:
         """Return a small share in per cent, with two digits."""
         return self.number(f"{significant(value, 2, per_cent=True)} %")

@@ -121,36 +121,40 @@ class ModelSet:
         """Log prior probability of a model."""
         return log_prior(ids, self.beliefs)
 
-    def rivals(self, named: Ids) -> tuple[Ids, ...]:
-        """Sets that do as well as the named one: the most probable ones, down to the last that must be listed.
+    def needed(self, named: Ids) -> tuple[Ids, ...]:
+        """Sets that are needed, in addition to the named one, for 95 % of the probability; most probable first."""
+        held, found = self.probability[named], []
+        for ids in self._by_probability(named):
+            if held >= CREDIBLE:
+                break
+            found.append(ids)
+            held += self.probability[ids]
+        return tuple(found)
 
-        Those are the sets needed in addition for 95 % of the probability; and those of no more causes that fit as well,
-        which only what is plausible beforehand holds back.
-        """
-        share = self.probability
-        order = [ids for ids in sorted(share, key=lambda ids: -share[ids]) if ids != named and share[ids] > 0]
-        as_well = self._fitting_as_well(named)
-        held, cut = share[named], 0
-        for k, ids in enumerate(order, 1):
-            if held < CREDIBLE or ids in as_well:
-                cut = k
-            held += share[ids]
-        return tuple(order[:cut])
-
-    def _fitting_as_well(self, named: Ids, absurd: float = 1e-3) -> set[Ids]:
+    def fitting_as_well(self, named: Ids, absurd: float = 1e-3) -> tuple[Ids, ...]:
         """Fitted sets of no more causes that Akaike's criterion does not put behind a set at odds of 19.
 
-        None is brought up whose own probability is less than that of the set by a factor `absurd`: a value can be found
-        for almost anything.
+        What is plausible beforehand alone holds them back. None is brought up whose own probability is less than that
+        of the set by a factor `absurd`: a value can be found for almost anything. Most probable first.
         """
-        own = self.of(named)
+        own, models = self.of(named), {c.ids: c for c in self.candidates}
+        least, close = absurd * self.probability[named], math.log(CREDIBLE / (1 - CREDIBLE))
 
         def behind(c: Candidate) -> float:
             return own.log_likelihood - c.log_likelihood - (own.problem.n_dim - c.problem.n_dim)
 
-        least, close = absurd * self.probability[named], math.log(CREDIBLE / (1 - CREDIBLE))
-        rivals = [c for c in self.candidates if c.ids != named and len(c.ids) <= len(named)]
-        return {c.ids for c in rivals if self.probability[c.ids] > least and behind(c) < close}
+        rivals = [ids for ids in self._by_probability(named) if ids in models and len(ids) <= len(named)]
+        return tuple(ids for ids in rivals if self.probability[ids] > least and behind(models[ids]) < close)
+
+    def rivals(self, named: Ids) -> tuple[Ids, ...]:
+        """Sets to report with the named one: those needed, and those that fit as well; most probable first."""
+        found = {*self.needed(named), *self.fitting_as_well(named)}
+        return tuple(ids for ids in self._by_probability(named) if ids in found)
+
+    def _by_probability(self, named: Ids) -> list[Ids]:
+        """The other sets that have any, most probable first."""
+        share = self.probability
+        return [ids for ids in sorted(share, key=lambda ids: -share[ids]) if ids != named and share[ids] > 0]
 
     def quantiles(self, ids: Ids, q: Sequence[float]) -> FloatArray:
         """Quantiles of a model's parameters, (len(q), n_dim), in their units; its mode where it was not sampled."""

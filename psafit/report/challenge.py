@@ -82,7 +82,7 @@ def draw(score: Score) -> dict[str, Figure]:
     """The page's figures, those for which there is something to draw: gain, reliability, confusion, recovery."""
     drawn = {"gain": _gain_figure(score.by_gain), "reliability": _reliability_figure(score)}
     if score.confusion:
-        drawn["confusion"] = _confusion_figure(score.confusion)
+        drawn["confusion"] = _confusion_figure(score.confusion, {r.named: r.n_named for r in score.rows})
     if score.recovery:
         drawn["recovery"] = _recovery_figure(score.recovery)
     return drawn
@@ -228,12 +228,12 @@ def _reliability_figure(score: Score) -> Figure:
     return figure
 
 
-def _confusion_figure(table: Mapping[str, Mapping[str, int]]) -> Figure:
+def _confusion_figure(table: Mapping[str, Mapping[str, int]], causes: Mapping[str, int]) -> Figure:
     truths = list(table)
     # What takes several causes together is no name: how many they are says enough.
-    several = {1: "two causes", 2: "three causes", 3: "four or more"}
+    several = {2: "two causes", 3: "three causes", 4: "four or more"}
     short = {
-        name: name if name in truths or " + " not in name else several[min(name.count(" + "), 3)]
+        name: name if name in truths or causes.get(name, 0) < 2 else several[min(causes[name], 4)]
         for row in table.values()
         for name in row
     }

@@ -40,17 +40,29 @@ from psafit.report.wording import (
     with_unit,
 )
 from psafit.text import count, fixed
-from psafit.validate import FAIR, GOOD, LEVEL, Prediction, caution, coverage, some_draws, too_narrow, without_each
+from psafit.validate import (
+    LEVEL,
+    Prediction,
+    Predicts,
+    caution,
+    coverage,
+    predicts,
+    shows_trends,
+    some_draws,
+    without_each,
+)
 
 REPORT = "report.html"
 
 _ONE_SIDED = {"bounded above": "no lower limit", "bounded below": "no upper limit"}
-# How the page says whether the fit predicts what it has not seen.
-_WORDS = {
-    "predicts": "Yes: the fit predicts",
-    "comes near, too sure": "Not quite: the fit comes near, but is surer than it may be, for",
-    "roughly predicts": "Not quite: the fit roughly predicts",
-    "does not predict": "No: the fit does not predict",
+# How the page says whether the fit predicts what it has not seen: the verdict, its colour, and a sentence's beginning.
+_PREDICTS: dict[Predicts, tuple[str, str, str]] = {
+    "not tested": ("not tested", "warn", ""),
+    "yes": ("predicts", "good", "Yes: the fit predicts"),
+    "too sure": ("comes near, too sure", "warn", "Not quite: the fit comes near, but is surer than it may be, for"),
+    "misses a trend": ("comes near, misses a trend", "warn", "Not quite: the fit comes near, but misses a trend, for"),
+    "roughly": ("roughly predicts", "warn", "Not quite: the fit roughly predicts"),
+    "no": ("does not predict", "bad", "No: the fit does not predict"),
 }
 _KINDS = {"determined": "good", "bounded above": "warn", "bounded below": "warn", "not determined": "bad"}
 
@@ -162,7 +174,7 @@ def what_it_predicts(validation: Validation) -> Markup:
     readings = sum(s.n_points for s in unseen)
     best = min(unseen, key=lambda s: s.log_rmse)
     worst = max(unseen, key=lambda s: s.log_rmse)
-    how = _WORDS[verdict_of(validation)["text"]]
+    _, _, how = _PREDICTS[predicts(validation)]
     which = groups([s.group for s in unseen]) if len(unseen) <= 6 else f"the {len(unseen)} other groups"
     spread = (
         Markup(" (from ×{} for group {} to ×{} for group {})").format(
@@ -181,20 +193,16 @@ def what_it_predicts(validation: Validation) -> Markup:
 
 def verdict_of(validation: Validation) -> dict[str, str]:
     """Whether the fit predicts what it never saw, in a word."""
-    mean = validation.holdout_log_rmse
-    if mean is None:
-        return {"text": "not tested", "kind": "warn"}
-    if mean <= GOOD and too_narrow(_informative(validation, "holdout")):
-        return {"text": "comes near, too sure", "kind": "warn"}
-    if mean <= GOOD:
-        return {"text": "predicts", "kind": "good"}
-    return {"text": "roughly predicts", "kind": "warn"} if mean <= FAIR else {"text": "does not predict", "kind": "bad"}
+    text, kind, _ = _PREDICTS[predicts(validation)]
+    return {"text": text, "kind": kind}
 
 
 def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     drifting = [s.group for s in validation.groups if s.informative and s.drift_p_value < LEVEL]
-    trend = Markup(
-        "No sweep shows a trend that the model misses; <code>psafit diagnose</code> looks for more than trends."
+    able = [s for s in validation.groups if s.informative and shows_trends(s)]
+    some = "" if len(able) == len(validation.groups) else f" ({len(able)} of {len(validation.groups)})"
+    trend = Markup("{} a trend that the model misses; <code>psafit diagnose</code> looks for more than trends.").format(
+        f"No sweep that could show it{some} shows" if able else "No sweep has readings enough to show"
     )
     if drifting:
         trend = Markup(
@@ -229,10 +237,10 @@ def _what_is_not_determined(run: Run) -> Markup:
             symbols[s.name], "an upper" if s.verdict == "bounded above" else "a lower", _value(run, s)
         )
         for s in physical
-        if s.verdict.startswith("bounded")
+        if s.verdict in _ONE_SIDED
     ]
     if not parts:
-        parts.append(Markup("nothing among the physical parameters, the data fix them all"))
+        parts.append(Markup("nothing among the physical parameters: if the model is right, the data fix them all"))
     first = run.problem.n_model
     for what, those in (
         ("what sessions have for themselves", run.summary.parameters[run.fit.n_physical : first]),

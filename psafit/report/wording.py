@@ -168,11 +168,12 @@ def percent(fraction: float) -> str:
     return plain_percent(fraction).replace("-", "\N{MINUS SIGN}").replace(" %", f"{NBSP}%")
 
 
-def p_value(p: float) -> str:
-    """A probability with the digits that a thousand simulated groups support."""
+def p_value(p: float, floor: float = 1e-3) -> str:
+    """A probability with the digits that simulated data support; at their `floor`, a thousand of them by default, ≤."""
     if not math.isfinite(p):
         return "–"
-    return "≤ 0.001" if p <= 1e-3 else fixed(p, 3 if p < 0.1 else 2)
+    least = max(floor, 1e-3)
+    return f"≤ {fixed(least, 3)}" if p <= least else fixed(p, 3 if p < 0.1 else 2)
 
 
 def factor(log_error: float) -> str:

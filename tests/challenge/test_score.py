@@ -23,6 +23,17 @@ def test_binomial_intervals_are_exact() -> None:
     assert rate([]).share is None
 
 
+def test_a_named_set_that_breaks_a_law_is_not_exact() -> None:
+    """As in trials of a calibration."""
+    for verdict, why, exact in (
+        ("explained", "", True), ("unexplained", "values", True), ("unexplained", "law", False),
+        ("ambiguous", "law", False),
+    ):  # fmt: skip
+        one = result(["a"], verdict=verdict, named=["a"])
+        one.diagnosis["unexplained_by"] = why
+        assert score([one]).rows[0].exact == exact
+
+
 def test_the_reported_set_is_named_and_alternatives() -> None:
     assert reported_set(result([], verdict="adequate").diagnosis) == {frozenset()}
     reported = result(["a"], verdict="ambiguous", named=["a"], alternatives=[["b"], ["b", "c"]]).diagnosis

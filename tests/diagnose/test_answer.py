@@ -8,13 +8,16 @@ from dataclasses import replace
 import pytest
 from diagnoses_by_hand import make_experiment, make_record
 
-from psafit.diagnose.answer import ByChance, Furthest, Gained, Judged, Named, Searched, answer, sentences
+from psafit.diagnose.answer import ByChance, Furthest, Gained, Judged, Kind, Named, Searched, Sizes, answer, sentences
 from psafit.diagnose.misfit import Coincidence
 from psafit.diagnose.record import Broken, Diagnosis, ParameterResult
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
 from psafit.model_search.model_set import LookedAt
+from psafit.report.diagnosis import remaining
 from psafit.report.diagnosis.answer import kind
+
+GAP = ParameterResult(1e-7, None, None, "m", "what it means", 0.5)
 
 
 def record() -> Diagnosis:
@@ -61,11 +64,79 @@ def test_why_the_best_extension_is_no_explanation() -> None:
     )
 
 
+def test_the_scatter_is_not_called_right_where_its_statistics_stand_out() -> None:
+    d = record()
+    mean, spread = d.misfit.baseline.statistics
+    for significant, said in ((False, "the physics is wrong, not the scatter."), (True, "scatter is off, too.")):
+        statistics = [mean, replace(spread, significant=significant)]
+        baseline = replace(d.misfit.baseline, statistics=statistics)
+        (kind_of,) = of(replace(d, misfit=replace(d.misfit, baseline=baseline)), Kind)
+        assert kind_of.say(PLAIN).endswith(said)
+
+
+def test_a_named_set_is_held_to_what_is_asked_of_the_baseline() -> None:
+    d, pair = record(), Coincidence("frequency", ((1, 3), (2, 3)), 200.0, 200.0, 0.2, 3.0, 0.01)
+    for change, words in (
+        ({"p_value": 0.005}, "but structure remains that no cause describes (family-wise p = 0.005"),
+        ({"coincidences": [pair]}, "but readings of several groups still stand out together (p = 0.01"),
+        ({"usual_tails": 0.015}, "only because heavy tails take up what stands out (p without them = 0.015"),
+    ):
+        after = replace(d.misfit.extended, **change)
+        left = replace(d, verdict="unexplained", unexplained_by="structure", misfit=replace(d.misfit, extended=after))
+        (named,) = of(left, Named)
+        assert words in named.say(PLAIN)
+    # What is the least that the simulated data sets can give is an upper limit.
+    after = replace(d.misfit.extended, p_value=0.005, floor=0.005)
+    least = replace(d, verdict="unexplained", unexplained_by="structure", misfit=replace(d.misfit, extended=after))
+    (named,) = of(least, Named)
+    assert "(family-wise p <= 0.005; " in named.say(PLAIN) and remaining.tests(after)["p"] == "p ≤ 0.005"
+    assert remaining.tests(replace(after, p_value=0.01))["p"] == "p = 0.010"
+    # The tests alone do not object to a baseline in which readings stand out together, but its verdict does.
+    baseline = replace(d.misfit.baseline, p_value=0.4, coincidences=[pair])
+    found = replace(d, verdict="explained", alternatives=[], misfit=replace(d.misfit, p_value=0.4, baseline=baseline))
+    (named,) = of(found, Named)
+    assert "explains the misfit" in named.say(PLAIN)
+
+
 def test_what_is_held_back_by_what_is_plausible_alone_is_reported() -> None:
-    best_model = record().causes[0]
-    sure = replace(best_model, evidence=replace(best_model.evidence, share=0.97))
-    (named,) = of(replace(record(), causes=[sure, *record().causes[1:]]), Named)
-    assert named.fits_as_well and "only by its priors" in named.say(PLAIN)
+    d = record()
+    rare = replace(d.causes[1], probability=0.0002)
+    rival = replace(d, alternatives=[rare.terms], by_likelihood=[rare.terms], causes=[d.causes[0], rare])
+    (named,) = of(rival, Named)
+    assert named.say(PLAIN) == (
+        "hysteresis (probability 61 %) is most probable, but only by its priors. By likelihood alone, gap + slew_limit"
+        " fits as well (its priors make it 3100 times less probable: 0.02 %)."
+    )
+    assert rival.headline == "verdict: ambiguous: hysteresis, or by likelihood alone gap + slew_limit"
+    both = replace(rival, alternatives=[["preload"], rare.terms])
+    (named,) = of(both, Named)
+    assert "between 2 sets of causes: hysteresis (probability 61 %); or preload. By likelihood alone" in named.say(
+        PLAIN
+    )
+
+
+def test_no_set_is_as_good_as_one_that_explains_nothing() -> None:
+    left = replace(record(), verdict="unexplained", unexplained_by="structure")
+    (named,) = of(left, Named)
+    assert named.say(PLAIN).endswith(" Next best: gap + slew_limit (31 %); preload.")
+    assert not any("as good" in text.lower() or "as well" in text for text in sentences(left))
+    sizes = Sizes([("gap", GAP)], [("preload", GAP)], "unexplained").say(PLAIN)
+    assert "; of the next best: " in sizes and "as well" not in sizes
+
+
+def test_a_set_that_breaks_a_law_is_no_explanation_among_others() -> None:
+    d = record()
+    law = Broken("energy", d.named, 1, 200.0, 20.0, 2.0, 1.0, 3, "group 1")
+    broken = replace(d, unexplained_by="law", laws=[law])
+    (named,) = of(broken, Named)
+    assert "hysteresis is no explanation: it breaks a law that holds whatever the causes are." in named.say(PLAIN)
+    assert broken.headline == "verdict: ambiguous: hysteresis (breaks a law), or gap + slew_limit, or preload"
+    assert kind(broken) == "bad"
+    other = replace(d, laws=[replace(law, terms=["preload"])])
+    assert other.headline.endswith("or gap + slew_limit, or preload (breaks a law)") and kind(other) == "warn"
+    odd = replace(d, unexplained_by="values")
+    (named,) = of(odd, Named)
+    assert "cannot decide" in named.say(PLAIN) and "it fits only at values that are implausible" in named.say(PLAIN)
 
 
 def test_heavy_tails_are_reported_with_the_readings_that_they_take_up() -> None:
@@ -95,7 +166,10 @@ def test_what_fits_at_implausible_values_is_not_said_to_explain() -> None:
     d = replace(record(), verdict="unexplained", unexplained_by="values", alternatives=[])
     (named,) = of(d, Named)
     assert "explains" not in named.say(PLAIN) and "does as well, but at values" in named.say(PLAIN)
-    assert d.headline == "verdict: unexplained: hysteresis (at implausible values)" and kind(d) == "warn"
+    assert (
+        d.headline == "verdict: unexplained; best of the catalogue: hysteresis (at implausible values)"
+        and kind(d) == "warn"
+    )
     usual = replace(d, verdict="explained", unexplained_by="")
     (named,) = of(usual, Named)
     assert "hysteresis (probability 61 %) explains the misfit" in named.say(PLAIN)
@@ -161,12 +235,14 @@ def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, reported: str
         (
             "adequate",
             [],
-            "Added to the baseline and refitted, no cause that could be bounded changes a reading by more than 7.5 %",
+            "Added to the baseline and refitted, no cause of the 1 (of 3) that could be bounded changes a reading by"
+            " more than 7.5 %",
         ),
         (
             "explained",
             ["gap"],
-            "Added to gap and refitted, no cause that could be bounded changes a reading by more than 7.5 %",
+            "Added to gap and refitted, no cause of the 1 (of 2) that could be bounded changes a reading by"
+            " more than 7.5 %",
         ),
         ("unexplained", [], None),
     ],
@@ -175,7 +251,7 @@ def test_what_a_cause_may_change_is_said_of_what_was_bounded(verdict: str, named
     """Given a model that does not explain the readings, no bound means anything."""
     record = make_record(make_experiment())
     shown, other = record.screening[:2]
-    bounded = [replace(shown, room=0.075), replace(other, room=None)]
+    bounded = [replace(shown, id="preload", room=0.075), replace(other, room=None), record.screening[2]]
     texts = sentences(replace(record, verdict=verdict, named=named, screening=bounded))
     found = [text for text in texts if "changes a reading" in text]
     assert [text.partition(", with 95 %")[0] for text in found] == ([said] if said else [])

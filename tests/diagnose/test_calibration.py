@@ -55,6 +55,14 @@ def test_what_is_counted() -> None:
     ]  # fmt: skip
 
 
+def test_what_counts_as_named() -> None:
+    """The same for trials and for campaigns: a set at implausible values is named, one that explains nothing is not."""
+    odd = replace(trial("gap", "unexplained", "gap"), why="values")
+    assert odd.exact and not any(replace(odd, why=why).exact for why in ("structure", "smooth", "law"))
+    assert not replace(odd, verdict="ambiguous", why="law").exact and not trial("", "unexplained", "").exact
+    assert summed([odd, replace(odd, why="structure", printed=None)]).right == Rate.counted([True])
+
+
 def test_a_rate_knows_how_little_a_few_data_sets_say() -> None:
     assert Rate.counted([]) == Rate(0, 0, 0.0, 1.0)
     few, many = Rate.counted([True] * 4), Rate.counted([True] * 40)
@@ -120,6 +128,11 @@ def test_what_is_said_of_it(tmp_path) -> None:
         " (6 % to 73 %, 90 %) and reported in 4. What was named had a probability of 82 % on average, and was right in"
         " 2 of 4. 90 % intervals held 19 of the 24 true values (79 %)."
     )
+    left = replace(record, verdict="unexplained", unexplained_by="structure")
+    (said,) = [s.say(PLAIN) for s in answer(left) if isinstance(s, Calibrated)]
+    whose = "drawn from the best models of the catalogue, none of which explains these readings"
+    assert said.startswith(f"Of 6 data sets {whose}, and diagnosed again, the set")
+    assert whose.replace("drawn ", "") in " ".join(build(left, e, tmp_path / "left").text.split())
     page = build(record, e, tmp_path)
     assert "How often is such a verdict right here?" in page.first_screen and "Calibration" in page.headings
     assert "gap at rest 3 1 2" in page.text

@@ -17,6 +17,7 @@ from psafit.diagnose.draft import FILE, DraftSettings, draft, drafted
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.words import PLAIN
 from psafit.inference.candidate import Candidate, fit
+from psafit.observables import OBSERVABLES
 from psafit.physics import plugin
 from psafit.simulate.contract import check
 from psafit.validate import log_ratio
@@ -27,7 +28,7 @@ def made(candidate: Candidate, axis: str, place: float, strength: float = 0.4, w
     design = candidate.problem.design
     x = {"frequency": design.frequency, "amplitude": design.amplitude, "range": candidate.predicted}[axis]
     mean = strength * np.exp(-0.5 * (np.log(np.maximum(x, 1e-9) / place) / width) ** 2)
-    return replace(discrepancy(candidate), mean=0.1 + mean, sd=np.full(mean.size, 0.05))
+    return replace(discrepancy(candidate), mean=0.1 + mean, sd=np.full(mean.size, 0.05), log_bayes=9.0)
 
 
 @pytest.mark.parametrize(("axis", "place"), [("frequency", 1500.0), ("amplitude", 8.0), ("range", 300.0)])
@@ -55,12 +56,28 @@ def test_what_no_axis_describes_is_no_draft(sound, tmp_path) -> None:
     assert draft(sound, replace(made(sound, "range", 300.0), mean=noise), tmp_path) is None
     flat = replace(made(sound, "range", 300.0), mean=np.full(noise.size, 0.3))  # a factor common to all is a refit's
     assert draft(sound, flat, tmp_path) is None
+    # Nor is what the readings do not ask for.
+    assert draft(sound, replace(made(sound, "range", 300.0), log_bayes=-0.1), tmp_path) is None
     assert not (tmp_path / FILE).exists()
+
+
+def test_a_draft_describes_what_is_left_of_all_readings(sound, tmp_path) -> None:
+    """What readings of another observable leave counts, and readings of no range."""
+    left, design = made(sound, "range", 300.0), sound.problem.design
+    speed = OBSERVABLES.index(next(o for o in OBSERVABLES if o.name == "launch_speed"))
+    other = np.arange(design.n_points) % 2 == 1
+    both = replace(design, measured=np.where(other, speed, design.measured))
+    noisy = np.where(other, np.random.default_rng(1).standard_normal(other.size), left.mean)
+    mixed = SimpleNamespace(problem=SimpleNamespace(design=both), predicted=sound.predicted)
+    assert draft(sound, left, tmp_path).share > 0.9
+    assert draft(mixed, replace(left, mean=noisy), tmp_path) is None
 
 
 def test_a_draft_that_somebody_has_edited_stays(sound, tmp_path) -> None:
     (tmp_path / FILE).write_text("mine")
-    assert draft(sound, made(sound, "range", 300.0), tmp_path) and (tmp_path / FILE).read_text() == "mine"
+    found = [draft(sound, made(sound, "range", 300.0), tmp_path).file for _ in range(2)]
+    assert found == ["draft_cause_2.py"] * 2 and (tmp_path / FILE).read_text() == "mine"
+    assert sorted(p.name for p in tmp_path.iterdir()) == [FILE, "draft_cause_2.py"]
 
 
 def test_only_what_is_unexplained_is_drafted(sound, tmp_path) -> None:
@@ -77,7 +94,11 @@ def test_only_what_is_unexplained_is_drafted(sound, tmp_path) -> None:
         assert (found and found.axis) == axis
     record = replace(make_record(make_experiment()), draft=found)
     (said,) = [s.say(PLAIN) for s in answer(record) if isinstance(s, Drafted)]
-    assert said.startswith("A factor of 1.47 at a frequency of 1440 Hz") and "draft_cause.py has it as a cause" in said
+    along = replace(found, axis="amplitude", place=8.0)
+    assert "at an amplitude of 8 V describes" in Drafted(along).say(PLAIN)
+    assert (
+        said.startswith("A factor of 1.47 at a frequency of 1440 Hz") and "draft_cause_2.py has it as a cause" in said
+    )
 
 
 @pytest.mark.slow
@@ -120,6 +141,7 @@ def test_a_factor_is_never_larger_than_what_readings_differ_by(sound, tmp_path) 
     ends = (frequency < 1.5 * low) | (frequency > high / 1.5)
     left = replace(
         discrepancy(sound),
+        log_bayes=9.0,
         mean=np.where(frequency == frequency[ends & (frequency < high / 2)].max(), np.log(1.3), 0.0),
         sd=np.where(ends, 0.05, np.inf),
     )

@@ -10,8 +10,8 @@ from truths import FEW, experiment, narrow, problem
 
 from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import examine
-from psafit.diagnose.record import NEAREST, NOT_EXCLUDED, UNSEEN
-from psafit.diagnose.results import cause_result, misfit_of, word_for
+from psafit.diagnose.record import NEAREST, NEXT_BEST, NOT_EXCLUDED, UNSEEN
+from psafit.diagnose.results import cause_result, misfit_of, screening_of, word_for
 from psafit.diagnose.room import Room
 from psafit.diagnose.screening import VISIBLE, screen
 from psafit.inference.sample import sample
@@ -37,6 +37,23 @@ def test_the_word_for_a_cause(hidden):
     assert word_for(unseen, weak, named, None) == "present"
     named.verdict = "unexplained"
     assert word_for(unseen, weak, named, None) == NEAREST
+    tied.verdict = "unexplained"
+    assert word_for(unseen, weak, tied, None) == NEXT_BEST
+
+
+def test_a_model_that_explains_nothing_bounds_no_cause(hidden):
+    """No room is given there, and no cause is called not present."""
+    screened = screen(hidden.baseline, FEW)
+    seen, verdicts = [replace(s, visible=2 * VISIBLE) for s in screened], {}
+    for word in ("explained", "unexplained"):
+        said = SimpleNamespace(
+            verdict=word, named=("amplifier_lag",), alternatives=(), inclusion={"amplifier_lag": 1.0}
+        )
+        verdicts[word] = screening_of(seen, [], hidden, said, 1)
+    assert any(s.room is not None for s in verdicts["explained"])
+    assert all(s.room is None and s.left is None for s in verdicts["unexplained"])
+    assert not any(s.verdict == "not present" for s in verdicts["unexplained"])
+    assert any(s.verdict == NOT_EXCLUDED for s in verdicts["unexplained"])
 
 
 @pytest.mark.slow

@@ -10,9 +10,14 @@ from truths import FEW, experiment, problem
 
 from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import ALPHA, Coincidence, examine
+from psafit.diagnose.record import Broken
 from psafit.diagnose.verdict import conclude
 from psafit.inference.candidate import fit
 from psafit.model_search import search_models
+
+PAIR = Coincidence("frequency", (("a", 1), ("c", 1)), 200.0, 200.0, 0.2, 3.0, 0.01)
+"""Two readings of different groups that stand out together."""
+LAW = Broken("carried", ["amplifier_lag"], "a", 200.0, 20.0, 1.0, 2.0, 3, "group a")
 
 
 def test_verdicts(hidden, sound):
@@ -36,12 +41,18 @@ def test_verdicts(hidden, sound):
     odds = 1 / 9 * -1 / (np.e * spoilt.p_value * np.log(spoilt.p_value))
     assert rejected.unnamed == pytest.approx(odds / (1 + odds)) and 0.4 < rejected.unnamed < 0.5
     assert sum(rejected.probability.values()) <= 1 - rejected.unnamed
+    # It is held to what is asked of an adequate baseline: no readings together, no need of heavy tails.
+    for change, p in (({"coincidences": (PAIR,)}, PAIR.p_value), ({"usual_tails": ALPHA / 4}, ALPHA / 4)):
+        leaning = conclude(hidden, before, replace(after, **change), left, replace(bare, log_evidence=-np.inf))
+        assert (leaning.verdict, leaning.unexplained_by) == ("unexplained", "structure")
+        odds = 1 / 9 * -1 / (np.e * p * np.log(p))
+        assert leaning.unnamed == pytest.approx(odds / (1 + odds))
     # A rival of equal probability makes a tie.
     p = hidden.probability[("amplifier_lag",)]
     tied = replace(hidden, probability=hidden.probability | {("amplifier_lag",): p / 2, ("flight_friction",): p / 2})
     tie = conclude(tied, before, after, left, bare)
     assert tie.verdict == "ambiguous"
-    assert tie.alternatives[0] == ("flight_friction",)
+    assert tie.alternatives[0] == ("flight_friction",) and ("flight_friction",) not in tie.by_likelihood
     # So does one that fits as well, held back by what is plausible alone; not one that is absurd, or has more causes.
     best_model, other = hidden.of(("amplifier_lag",)), hidden.of(("flight_friction",))
     assert best_model.log_likelihood - other.log_likelihood > 4.0
@@ -57,7 +68,7 @@ def test_verdicts(hidden, sound):
                 replace(hidden, candidates=candidates, probability=share), before, after, left, bare
             )
     assert {key for key, v in verdicts.items() if v.verdict == "ambiguous"} == {(2.0, 0.02)}
-    assert verdicts[2.0, 0.02].alternatives == (other.ids,)
+    assert verdicts[2.0, 0.02].alternatives == verdicts[2.0, 0.02].by_likelihood == (other.ids,)
     # Causes that share the probability take nothing from what has no name: it has a tenth before the readings.
     doubtful = replace(left, log_bayes=np.log(9 * 1.5))
     hopeless = replace(bare, log_evidence=-np.inf)
@@ -90,6 +101,17 @@ def test_verdicts(hidden, sound):
     assert doubted.verdict == "explained" and doubted.unnamed == pytest.approx(0.2)
 
 
+def test_a_set_that_breaks_a_law_is_no_explanation_though_others_do_as_well(hidden):
+    p = hidden.probability[("amplifier_lag",)] / 2
+    tied = replace(hidden, probability=hidden.probability | {("amplifier_lag",): p, ("flight_friction",): p})
+    after = replace(examine(hidden.best_model, FEW, seed=1, n_simulated=99), p_value=0.5, coincidences=())
+    none = replace(discrepancy(hidden.best_model), log_bayes=-50.0)
+    hopeless = replace(discrepancy(hidden.baseline), log_evidence=-np.inf)
+    for change, why in (({"laws": [LAW]}, "law"), ({"strange": ["amplifier_lag_tau"]}, "values"), ({}, "")):
+        found = conclude(tied, replace(after, p_value=ALPHA / 2), after, none, hopeless, **change)
+        assert (found.verdict, found.unexplained_by) == ("ambiguous", why)
+
+
 def test_verdicts_where_nothing_is_hidden(sound):
     plain = search_models(sound.problem, FEW, seed=1)
     quiet = replace(examine(plain.baseline, FEW, seed=1, n_simulated=199), coincidences=())
@@ -99,7 +121,6 @@ def test_verdicts_where_nothing_is_hidden(sound):
     odd = conclude(plain, replace(quiet, p_value=0.005), None, replace(nothing, log_bayes=-9.0), nothing)
     assert odd.verdict == "unexplained" and odd.unnamed > 0.6 and odd.probability[()] < 0.4
     # Nor is it adequate where readings stand out together, or only for heavy tails.
-    pair = Coincidence("frequency", (("a", 1), ("c", 1)), 200.0, 200.0, 0.2, 3.0, 0.01)
-    for change in ({"coincidences": (pair,)}, {"usual_tails": ALPHA / 2}):
+    for change in ({"coincidences": (PAIR,)}, {"usual_tails": ALPHA / 2}):
         doubted = conclude(plain, replace(quiet, **change), None, nothing, nothing)
         assert (doubted.verdict, doubted.named) == ("unexplained", ())

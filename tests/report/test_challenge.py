@@ -8,7 +8,7 @@ from pathlib import Path
 from campaigns import result
 
 from psafit.challenge.score import score
-from psafit.report.challenge import write_page
+from psafit.report.challenge import draw, write_page
 
 
 def test_the_page_holds_the_verdict(tmp_path: Path) -> None:
@@ -25,3 +25,10 @@ def test_the_page_holds_the_verdict(tmp_path: Path) -> None:
     assert "://" not in re.sub(r'src="data:[^"]*"', "", page)
     empty = write_page(score([result([], verdict="adequate")]), tmp_path / "empty.html").read_text()
     assert "holds where asked" in empty and "1 of 7 targets could be asked, and held" in empty
+
+
+def test_several_causes_are_counted_and_not_read_from_a_label() -> None:
+    results = [result(["c"], named=["a", "b"]), result(["c"], named=["p + q"])]
+    (axes,) = draw(score(results))["confusion"].axes
+    said = [text.get_text() for text in axes.get_xticklabels()]
+    assert "two causes" in said and any("p + q" in text for text in said)

@@ -392,17 +392,18 @@ def test_the_headline_names_what_is_tied() -> None:
 
     assert said("adequate", [], []) == "verdict: adequate"
     assert said("explained", ["a", "b"], []) == "verdict: explained: a + b"
-    assert said("unexplained", ["a"], [["b"]]) == "verdict: unexplained: a"
+    assert said("unexplained", ["a"], [["b"]]) == "verdict: unexplained; best of the catalogue: a"
     assert said("ambiguous", ["a"], [["b", "c"], []]) == "verdict: ambiguous: a, or b + c, or nothing"
     assert said("ambiguous", list("abcdef"), [["x"], ["y"]]).endswith("a + b + c + d + e + f, or 2 more sets")
 
 
-def test_what_is_tied_with_the_best_extension_is_tied_with_it_by_name(undrawn, tmp_path):
+def test_no_set_is_as_good_as_a_best_extension_that_explains_nothing(undrawn, tmp_path):
     experiment = make_experiment()
     record = replace(make_record(experiment), verdict="unexplained")
     text = build(record, experiment, tmp_path).first_screen
     best_model, other = model(record.named), model(record.alternatives[0])
-    assert f"As good as {best_model}: {other}; or " in text and "As good as it" not in text
+    assert f"The best extension is {best_model}" in text and f"Next best: {other} (31 %); " in text
+    assert "as good" not in text.lower()
 
 
 def test_large_sets_are_described_by_what_differs():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import dataclass, replace
 
@@ -16,7 +17,7 @@ from psafit.records import plain
 from psafit.report import figures, fit, wording
 from psafit.report.fit import write_report
 from psafit.report.fit_pictures import middle_words
-from psafit.validate import score, verdict
+from psafit.validate import FAIR, GOOD, score, verdict
 
 
 @dataclass(frozen=True)
@@ -183,7 +184,7 @@ def test_causes_are_named(page):
 
 
 def test_thresholds_are_those_of_the_verdict():
-    for limit, below, above in ((fit.GOOD, "predicted well", "roughly"), (fit.FAIR, "roughly followed", "missed")):
+    for limit, below, above in ((GOOD, "predicted well", "roughly"), (FAIR, "roughly followed", "missed")):
         for error, words in ((limit - 1e-9, below), (limit + 1e-9, above)):
             assert verdict(np.full(50, error), 0.9, 0.5, 0.5).startswith(words)
 
@@ -199,8 +200,24 @@ def test_a_fit_that_is_too_sure_does_not_predict(tmp_path):
     assert "Does it predict what it has not seen?" in text and "surer than it may be" in text and "dequate" not in text
     honest = replace(narrow, groups=[replace(s, coverage_90=0.9) for s in near])
     assert fit.verdict_of(honest) == {"text": "predicts", "kind": "good"}
+    trend = replace(honest, groups=[*honest.groups[:-1], replace(honest.groups[-1], drift_p_value=0.001)])
+    assert fit.verdict_of(trend) == {"text": "comes near, misses a trend", "kind": "warn"}
     kinds = [[row[4]["kind"] for row in fit.parameter_rows(run, doubted)] for doubted in (False, True)]
     assert "good" in kinds[0] and "good" not in kinds[1]
+
+
+def test_sweeps_that_could_show_no_trend_are_not_said_to_show_none(tmp_path):
+    run = make_run(tmp_path)
+    fixed = [replace(p, verdict="determined") for p in run.summary.parameters]
+    run, predictions = replace(run, summary=replace(run.summary, parameters=fixed)), make_predictions(run)
+    for p_value, said in (
+        (0.5, "No sweep that could show it (2 of 3) shows a trend"),
+        (math.nan, "No sweep has readings"),
+    ):
+        validation = make_validation(run, [replace(p, drift_p_value=p_value) for p in predictions])
+        page = Reader(write_report(run, validation, predictions, make_numerics(run)).read_text("utf-8"))
+        assert said in page.text
+    assert "if the model is right, the data fix them all" in page.text
 
 
 def test_groups_that_cannot_show_it_are_not_reported(tmp_path):

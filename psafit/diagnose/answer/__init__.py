@@ -19,6 +19,7 @@ from psafit.diagnose.answer.findings import (
     Named,
     NothingShows,
     Restricted,
+    Rival,
     Room,
     Sizes,
     Unseen,
@@ -30,7 +31,6 @@ from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import UNSEEN, CauseResult, Diagnosis, ParameterResult
 from psafit.diagnose.words import PLAIN
 from psafit.inference import noise
-from psafit.model_search.model_set import CREDIBLE
 from psafit.physics import owner
 
 __all__ = [
@@ -84,14 +84,14 @@ def answer(d: Diagnosis) -> tuple[Statement, ...]:
     found += [_judged(d), _named(d)]
     tests = d.misfit.baseline
     if d.misfit.p_value < ALPHA and tests.character != "none":
-        found.append(Kind(tests.character, tests.odd_groups, len(tests.odd_points)))
+        found.append(Kind(tests.character, tests.odd_groups, len(tests.odd_points), tests.statistics))
     found += [*_values(d), *map(BreaksLaw, d.laws), *_unseen(d), *_robust(d)]
     if d.influence and (carried := [c for c in d.influence.causes if c.half]):
         found.append(LivesOn(carried, len(d.influence.tail)))
     if d.misfit.search:
         found.append(ByChance(d.misfit.search))
     if d.calibration:
-        found.append(Calibrated(d.calibration))
+        found.append(Calibrated(d.calibration, d.explains))
     found += [Gained(gain, d.training) for gain in d.gain.values()] or [NoGain(d.quick)]
     if d.draft:
         found.append(Drafted(d.draft))
@@ -113,14 +113,14 @@ def kept(d: Diagnosis) -> float:
 def _judged(d: Diagnosis) -> Judged:
     verdict: Literal["yes", "so far", "no", "together", "tails", "improbable"] = "improbable"
     tests, p_value = d.misfit.baseline, d.misfit.p_value
-    if p_value < ALPHA:
+    if tests.objection == "tests":
         verdict = "no"
     elif d.verdict == "adequate":
         verdict = "so far" if kept(d) < 0.5 else "yes"
-    elif tests.coincidences:
+    elif tests.objection == "together":
         verdict = "together"
-    elif tests.usual_tails is not None and tests.usual_tails < ALPHA:
-        verdict, p_value = "tails", tests.usual_tails
+    elif tests.objection == "tails":
+        verdict, p_value = "tails", tests.least
     return Judged(verdict, p_value, tests.n_simulated, kept(d), d.mostly_unnamed)
 
 
@@ -133,15 +133,27 @@ def _named(d: Diagnosis) -> Statement:
         causes=d.named,
         # Where a discrepancy takes it all, a share of what is left says nothing.
         probability=None if best_model is None or d.mostly_unnamed or not d.named else best_model.probability,
-        alternatives=d.alternatives,
-        fits_as_well=best_model is not None and best_model.evidence.share >= CREDIBLE,
-        rejected=d.misfit.p_value < ALPHA,
+        alternatives=list(_rivals(d)),
+        rejected=bool(d.misfit.baseline.objection),
         left=d.unexplained_by,
-        p_after=after.p_value if after and d.unexplained_by and after.p_value < ALPHA else None,
+        objection=after.objection if after and d.unexplained_by else "",
+        p_after=after.least if after else 1.0,
+        floor=after.floor if after else 0.0,
         unnamed=d.unnamed,
         looked_at=d.looked_at,
         restricted=bool(d.left_out),
     )
+
+
+def _rivals(d: Diagnosis) -> Iterator[Rival]:
+    """The alternatives, each with how probable it is."""
+    probability = {tuple(c.terms): c.probability for c in d.causes}
+    own = probability.get(tuple(d.named))
+    for ids in d.alternatives:
+        p = probability.get(tuple(ids))
+        # Where a discrepancy takes it all, a share of what is left says nothing.
+        shown = None if d.mostly_unnamed else p
+        yield Rival(ids, shown, own / p if own and p else None, ids in d.by_likelihood)
 
 
 def _values(d: Diagnosis) -> Iterator[Statement]:
@@ -150,7 +162,7 @@ def _values(d: Diagnosis) -> Iterator[Statement]:
     own = _sized([d.best_model] if d.best_model else [])
     others = {name: p for name, p in _sized(tied).items() if name not in own}
     if own or others:
-        yield Sizes(list(own.items()), list(others.items()))
+        yield Sizes(list(own.items()), list(others.items()), d.verdict)
     named = [d.best_model] if d.best_model and d.named else []
     if odd := [(c.terms, c.strange) for c in [*named, *tied] if c.strange]:
         yield Implausible(odd)
@@ -177,7 +189,7 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
     left = {s.id: s.room for s in d.screening if s.room is not None}
     if left and d.verdict != "unexplained":  # given a model that is wrong it bounds nothing
         widest = max(left, key=lambda id: left[id])
-        yield Room(d.named, widest, left[widest])
+        yield Room(d.named, widest, left[widest], len(left), len({s.id for s in d.screening} - {*d.named}))
 
 
 def _tails(d: Diagnosis, terms: list[str]) -> tuple[float, float] | None:

@@ -6,18 +6,32 @@ from dataclasses import dataclass
 from typing import Literal
 
 from psafit.diagnose.answer.statement import Statement
-from psafit.diagnose.misfit import ALPHA, CHARACTERS, Character
+from psafit.diagnose.misfit import ALPHA, Character, Objection, Statistic, described
 from psafit.diagnose.record import Broken, ParameterResult, Reading
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.model_search.model_set import LookedAt
 from psafit.physics import owner
-from psafit.text import significant
+from psafit.text import p_text, significant
 
 WORTH_SAYING = 0.05
 """Probability of a discrepancy without a name, or of another set, from which on it is worth a sentence."""
 
+# What remains of the readings given the best extension, by what speaks against it.
+_REMAINS: dict[Objection, str] = {
+    "": "structure remains that no cause describes",
+    "tests": "structure remains that no cause describes",
+    "together": "readings of several groups still stand out together",
+    "tails": "it passes the tests only because heavy tails take up what stands out",
+}
+# Why a set is no explanation though nothing remains of the readings.
+_NONE: dict[Why, str] = {
+    "smooth": "a smooth curve in its place is more probable",
+    "law": "it breaks a law that holds whatever the causes are",
+    "values": "it fits only at values that are implausible",
+}
+_P_VALUE: dict[Objection, str] = {"tests": "family-wise p", "together": "p", "tails": "p without them"}
 # Sets that do as well as what is named, and are named one by one.
 _TIED = 6
 
@@ -102,6 +116,27 @@ class NothingShows(Statement):
 
 
 @dataclass(frozen=True)
+class Rival:
+    """A set that is reported with what is named.
+
+    Parameters
+    ----------
+    causes : list of str
+    probability : float, optional
+        None where it says nothing, or is not on record.
+    times : float, optional
+        By how much it is less probable than what is named.
+    by_likelihood : bool
+        Whether it is reported only because it fits as well.
+    """
+
+    causes: list[str]
+    probability: float | None
+    times: float | None
+    by_likelihood: bool
+
+
+@dataclass(frozen=True)
 class Named(Statement):
     """What is named, and what does as well.
 
@@ -112,16 +147,19 @@ class Named(Statement):
         Best first; empty where no cause helps.
     probability : float, optional
         None where it says nothing.
-    alternatives : list of lists of str
-    fits_as_well : bool
-        Whether only what is plausible beforehand speaks for the first of several.
+    alternatives : list of Rival
     rejected : bool
-        Whether the tests reject the baseline.
+        Whether the tests reject the baseline, or readings that stand out together, or its need of heavy tails, do.
     left : {"", "structure", "smooth", "law", "values"}
         Why the best extension does not explain the readings: structure remains, a smooth curve in its place is more
         probable, it breaks a law that holds whatever the causes are, or its values are implausible.
-    p_after : float, optional
-        Family-wise p value given the extension.
+    objection : {"", "tests", "together", "tails"}
+        What speaks against the best extension: the tests, readings that stand out together, or that it needs heavy
+        tails.
+    p_after : float
+        Its p value.
+    floor : float
+        The least that the simulated data sets can give.
     unnamed : float
         Probability of a discrepancy without a name.
     looked_at : LookedAt
@@ -132,11 +170,12 @@ class Named(Statement):
     verdict: VerdictWord
     causes: list[str]
     probability: float | None
-    alternatives: list[list[str]]
-    fits_as_well: bool
+    alternatives: list[Rival]
     rejected: bool
     left: Why
-    p_after: float | None
+    objection: Objection
+    p_after: float
+    floor: float
     unnamed: float
     looked_at: LookedAt
     restricted: bool
@@ -145,10 +184,7 @@ class Named(Statement):
         what = words.causes(self.causes)
         if self.probability is not None:
             what = words.put("{} (probability {})", what, words.per_cent(self.probability))
-        texts = [words.instead(self.causes, ids) for ids in self.alternatives[:_TIED]]
-        if more := len(self.alternatives) - len(texts):
-            texts.append(f"{more} more set{'' if more == 1 else 's'}")
-        tied = words.joined("; or ", texts)
+        near = [words.instead(self.causes, r.causes) for r in self.alternatives if not r.by_likelihood]
         unnamed = words.put(" A discrepancy without a name keeps {} of the probability.", words.per_cent(self.unnamed))
         rest = unnamed if self.unnamed >= WORTH_SAYING else ""
         other = self.looked_at.no_other("set of these causes" if self.restricted else "set")
@@ -157,29 +193,50 @@ class Named(Statement):
             if not self.rejected:
                 how = "{} fits far better, and {} does as well; the tests alone would not have objected.{}"
             return words.put(how, what, other, rest)
-        if self.left == "values":
+        if self.verdict == "unexplained" and self.left == "values":
             how = "{} takes up what is wrong, and {} does as well, but at values that are implausible: that is the"
             return words.put(how + " shape of what is missing, and perhaps not the mechanism.{}", what, other, rest)
         if self.verdict == "ambiguous":
-            if self.fits_as_well:
-                how = "{} is most plausible, but only by its priors: these readings are fitted as well by {}.{}"
-                return words.put(how, what, tied, rest)
-            how = "These readings cannot decide between {} sets of causes: {}; or {}.{}"
-            return words.put(how, len(self.alternatives) + 1, what, tied, rest)
+            likely, no = self._by_likelihood(words), ""
+            if self.left:
+                no = words.put(f" {{}} is no explanation: {_NONE[self.left]}.", words.causes(self.causes))
+            if not near:
+                return words.put("{} is most probable, but only by its priors.{}{}{}", what, likely, no, rest)
+            how = "These readings cannot decide between {} sets of causes: {}; or {}.{}{}{}"
+            return words.put(how, len(near) + 1, what, words.joined("; or ", _first(near)), likely, no, rest)
         if not self.causes:
             looked = "that was looked at" if self.restricted else "of the catalogue"
             return words.put("No cause {} explains what these readings show.{}", looked, rest)
-        why = {
-            "structure": "structure remains that no cause describes",
-            "smooth": "a smooth curve in its place is more probable",
-            "law": "it breaks a law that holds whatever the causes are",
-        }[self.left or "structure"]
-        odd = "" if self.p_after is None else f"family-wise p = {significant(self.p_after, 2)}; "
-        also = words.put(" As good as {}: {}.", words.causes(self.causes), tied) if texts else ""
+        why = _NONE[self.left] if self.left in ("law", "smooth") else _REMAINS[self.objection]
+        odd = f"{_P_VALUE[self.objection]} {p_text(self.p_after, self.floor)}; " if self.objection else ""
+        others = [
+            words.instead(self.causes, r.causes)
+            if r.probability is None
+            else words.put("{} ({})", words.instead(self.causes, r.causes), words.share(r.probability))
+            for r in self.alternatives
+        ]
+        also = words.put(" Next best: {}.", words.joined("; ", _first(others))) if others else ""
         return words.put(
             "The best extension is {}, but {} ({}probability of a discrepancy {}).{}",
             what, why, odd, words.per_cent(self.unnamed), also,
         )  # fmt: skip
+
+    def _by_likelihood(self, words: Words) -> str:
+        """What fits as well, and by how much it is less probable."""
+        found = []
+        for r in (r for r in self.alternatives if r.by_likelihood):
+            why = ""
+            if r.probability is not None and r.times is not None:
+                how = " (its priors make it {} times less probable: {})"
+                why = words.put(how, words.number(significant(r.times, 2)), words.share(r.probability))
+            found.append(words.put("{} fits as well{}", words.instead(self.causes, r.causes), why))
+        return words.put(" By likelihood alone, {}.", words.joined("; ", _first(found))) if found else ""
+
+
+def _first(texts: list[str]) -> list[str]:
+    """The first of some sets in words, and how many more there are."""
+    more = len(texts) - _TIED
+    return texts if more <= 0 else [*texts[:_TIED], f"{more} more set{'' if more == 1 else 's'}"]
 
 
 @dataclass(frozen=True)
@@ -190,25 +247,30 @@ class Kind(Statement):
     character: Character
     groups: list[GroupId]
     points: int
+    statistics: list[Statistic]
 
     def say(self, words: Words) -> str:
         which = {"group": f": {', '.join(map(str, self.groups))}", "points": f": {self.points} of them"}
-        return words.put("Of the baseline: {}{}.", CHARACTERS[self.character], which.get(self.character, ""))
+        return words.put(
+            "Of the baseline: {}{}.", described(self.character, self.statistics), which.get(self.character, "")
+        )
 
 
 @dataclass(frozen=True)
 class Sizes(Statement):
-    """How large the causes are: each parameter with its value, of what is named and of what does as well."""
+    """How large the causes are: each parameter with its value, of what is named and of the sets reported with it."""
 
     topic = "wrong"
     named: list[tuple[str, ParameterResult]]
     others: list[tuple[str, ParameterResult]]
+    verdict: VerdictWord
 
     def say(self, words: Words) -> str:
         own, others = (self._by_cause(words, values) for values in (self.named, self.others))
         if not (own and others):
             return words.put("Size, with 90 % interval: {}.", own or others)
-        return words.put("Size, with 90 % interval: {}; of the others that do as well: {}.", own, others)
+        whose = "the next best" if self.verdict == "unexplained" else "the others"
+        return words.put("Size, with 90 % interval: {}; of {}: {}.", own, whose, others)
 
     @staticmethod
     def _by_cause(words: Words, values: list[tuple[str, ParameterResult]]) -> str:
@@ -307,7 +369,7 @@ class Unseen(Statement):
 class Room(Statement):
     """The largest change of a reading that the readings leave a cause added to what is adopted (95 %).
 
-    It holds of those causes alone whose effect could be bounded, only if what is adopted is right, and of what no other
+    It holds of the `bounded` causes alone, of all others, only if what is adopted is right, and of what no other
     parameter could do in the cause's place. Less than `least` is not worth a number.
     """
 
@@ -315,11 +377,14 @@ class Room(Statement):
     adopted: list[str]
     cause: str
     share: float
+    bounded: int
+    of: int
     least: float = 0.001
 
     def say(self, words: Words) -> str:
         return words.put(
-            "Added to {} and refitted, no cause that could be bounded changes a reading by more than {}, with 95 %"
-            " probability ({}).",
-            words.causes(self.adopted), words.fraction(max(self.share, self.least)), words.cause(self.cause),
+            "Added to {} and refitted, no cause of the {} (of {}) that could be bounded changes a reading by more than"
+            " {}, with 95 % probability ({}).",
+            words.causes(self.adopted), self.bounded, self.of, words.fraction(max(self.share, self.least)),
+            words.cause(self.cause),
         )  # fmt: skip

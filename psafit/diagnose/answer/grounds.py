@@ -102,14 +102,18 @@ class Calibrated(Statement):
 
     topic = "trust"
     found: Calibration
+    explains: bool
 
     def say(self, words: Words) -> str:
         c = self.found
+        drawn = "from this answer"
+        if not self.explains:
+            drawn = "from the best models of the catalogue, none of which explains these readings,"
         ends = words.put("{} to {}, 90 %", words.per_cent(c.exact.lower), words.per_cent(c.exact.upper))
         text = words.put(
-            "Of {} data set{} drawn from this answer and diagnosed again, the set that made it was named in {}"
+            "Of {} data set{} drawn {} and diagnosed again, the set that made it was named in {}"
             " ({}) and reported in {}.",
-            c.exact.of, "" if c.exact.of == 1 else "s", c.exact.n, ends, c.reported.n,
+            c.exact.of, "" if c.exact.of == 1 else "s", drawn, c.exact.n, ends, c.reported.n,
         )  # fmt: skip
         if c.printed is not None:
             how = "{} What was named had a probability of {} on average, and was right in {} of {}."

@@ -9,10 +9,12 @@ from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.explanations import KINDS
 from psafit.diagnose.gain import Gain
 from psafit.diagnose.next_experiment import CLEAR, NextExperiment, Purpose
-from psafit.diagnose.record import Draft
+from psafit.diagnose.record import Axis, Draft
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.text import fixed
+
+_AXES: dict[Axis, str] = {"frequency": "a frequency", "amplitude": "an amplitude", "range": "a predicted range"}
 
 
 @dataclass(frozen=True)
@@ -68,9 +70,9 @@ class Drafted(Statement):
         d = self.found
         unit = {"frequency": "Hz", "amplitude": "V", "range": "um"}[d.axis]
         return words.put(
-            "A factor of {} at a {} of {} describes {} of what is left. {} has it as a cause: a description and no"
+            "A factor of {} at {} of {} describes {} of what is left. {} has it as a cause: a description and no"
             " mechanism, to be scored with --plugin.",
-            f"{d.factor:.2f}", "predicted range" if d.axis == "range" else d.axis,
+            f"{d.factor:.2f}", _AXES[d.axis],
             words.number(f"{float(f'{d.place:.3g}'):g} {unit}"), words.per_cent(d.share), d.file,
         )  # fmt: skip
 

@@ -23,6 +23,7 @@ from psafit.diagnose.record.misfit import (
 )
 from psafit.diagnose.record.models import (
     NEAREST,
+    NEXT_BEST,
     NOT_EXCLUDED,
     UNSEEN,
     Apart,
@@ -34,7 +35,7 @@ from psafit.diagnose.record.models import (
     ScreeningResult,
 )
 from psafit.diagnose.settings import Settings
-from psafit.diagnose.trials import Calibration, VerdictWord, Why
+from psafit.diagnose.trials import Calibration, VerdictWord, Why, stands
 from psafit.errors import InputError
 from psafit.experiment import GroupId
 from psafit.files import sha256
@@ -44,6 +45,7 @@ from psafit.records import ABSENT, Brief, Numerics
 __all__ = [
     "MARKER",
     "NEAREST",
+    "NEXT_BEST",
     "NOT_EXCLUDED",
     "PAGE",
     "PREDICTIONS",
@@ -132,7 +134,7 @@ class Diagnosis(Brief):
     named : list of str
         The adopted extension.
     alternatives : list of lists of str
-        Sets that fit as well; an empty one is the baseline.
+        Sets that do as well: needed for 95 % of the probability, or fitting as well; an empty one is the baseline.
     causes : list of CauseResult
         Most probable first.
     looked_at : LookedAt
@@ -171,6 +173,9 @@ class Diagnosis(Brief):
         How much work went into each part.
     laws : list of Broken
         Laws that hold whatever the causes are, and that the model adopted, or one of the first alternatives, breaks.
+        An ambiguous verdict has one of the last two, too.
+    by_likelihood : list of lists of str
+        Alternatives that fit as well, and that are not needed for 95 % of the probability.
     unexplained_by : {"", "structure", "smooth", "law", "values"}
         Why what is named does not explain the readings: structure remains, a smooth curve in its place is more
         probable, it breaks a law, or it has implausible values.
@@ -217,6 +222,7 @@ class Diagnosis(Brief):
     settings: Settings = field(default_factory=Settings)
     laws: list[Broken] = field(default_factory=list)
     unexplained_by: Why = ""
+    by_likelihood: list[list[str]] = field(default_factory=list)
     calibration: Calibration | None = field(default=None, metadata=ABSENT)
     influence: Influence | None = field(default=None, metadata=ABSENT)
     draft: Draft | None = field(default=None, metadata=ABSENT)
@@ -225,6 +231,11 @@ class Diagnosis(Brief):
     def best_model(self) -> CauseResult | None:
         """The adopted model, where it is among the models of the record."""
         return next((c for c in self.causes if c.terms == self.named), None)
+
+    @property
+    def explains(self) -> bool:
+        """Whether what it says is put forward as the truth: see `psafit.diagnose.trials.stands`."""
+        return stands(self.verdict, self.unexplained_by)
 
     @property
     def strange(self) -> list[str]:
@@ -236,15 +247,22 @@ class Diagnosis(Brief):
         """The verdict in a line: the named set, and those that do as well, by name as long as these are few."""
         sets = [self.named] if self.named else []
         if self.verdict == "ambiguous":
-            sets += self.alternatives
+            sets += sorted(self.alternatives, key=lambda ids: ids in self.by_likelihood)
         listed = [ids for k, ids in enumerate(sets) if k == 0 or sum(map(len, sets[: k + 1])) <= _NAMES]
-        words = [" + ".join(ids) or "nothing" for ids in listed]
+        words = [("by likelihood alone " if ids in self.by_likelihood else "") + self._marked(ids) for ids in listed]
         if more := len(sets) - len(listed):
             words.append(f"{more} more set{'' if more == 1 else 's'}")
         n = len(self.screening)
         restricted = f" (of {n} cause{'' if n == 1 else 's'} looked at)" if self.left_out else ""
-        strange = " (at implausible values)" if self.unexplained_by == "values" else ""
-        return f"verdict: {self.verdict}" + (f": {', or '.join(words)}" if words else "") + strange + restricted
+        head = "; best of the catalogue: " if self.verdict == "unexplained" else ": "
+        return f"verdict: {self.verdict}" + (f"{head}{', or '.join(words)}" if words else "") + restricted
+
+    def _marked(self, ids: list[str]) -> str:
+        """A set by its causes, marked where it is no explanation whatever its probability."""
+        text = " + ".join(ids) or "nothing"
+        if any({*law.terms} == {*ids} for law in self.laws):
+            return f"{text} (breaks a law)"
+        return f"{text} (at implausible values)" if ids == self.named and self.unexplained_by == "values" else text
 
     def table(self, folder: Path, name: str) -> Path:
         """A table of predictions, refused where somebody has changed it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from psafit.diagnose.misfit import Character, Coincidence, Statistic
+from psafit.diagnose.misfit import Character, Coincidence, Statistic, Tested
 from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.show import Offset
 from psafit.diagnose.significance import Significance
@@ -78,8 +78,11 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Tests:
-    """What the tests say of one model: see `psafit.diagnose.misfit.Misfit`; `where` of the extension only."""
+class Tests(Tested):
+    """What the tests say of one model: see `psafit.diagnose.misfit.Misfit`; `where` of the extension only.
+
+    `floor` is the least p value that so many simulated data sets can give: one at it means "at most".
+    """
 
     p_value: float
     character: Character
@@ -92,6 +95,7 @@ class Tests:
     refit: str
     usual_tails: float | None = field(default=None, metadata=ABSENT)
     where: list[Where] | None = field(default=None, metadata=ABSENT)
+    floor: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -164,7 +168,7 @@ class Draft:
     width : float
         Of the departure, in the logarithm.
     share : float
-        Of the discrepancy's squares that it takes up, a factor common to all readings aside.
+        Of the discrepancy's squares at all readings that it takes up, a factor common to each observable aside.
     """
 
     file: str

@@ -116,6 +116,10 @@ NEAREST = "in the best extension"
 """What is said of a cause by which readings that no cause explains are explained best."""
 
 
+NEXT_BEST = "among the next best"
+"""What is said of a cause of the sets that come next, where no set explains the readings."""
+
+
 @dataclass(frozen=True)
 class ScreeningResult:
     """What one cause could add; see `psafit.diagnose.screening`.
@@ -144,7 +148,7 @@ class ScreeningResult:
         nan in records of earlier versions.
     room : float or None
         Largest change of a range, as a share of it, that the readings leave it given the adopted model (95 %); see
-        `psafit.diagnose.room`.
+        `psafit.diagnose.room`. None where it is not known, as given a model that does not explain the readings.
     left : float or None
         What they leave it of an effect (95 %), measured as `visible` is.
     """

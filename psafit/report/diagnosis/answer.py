@@ -127,16 +127,23 @@ def kind(result: Diagnosis) -> str:
     A baseline that nothing refutes may be less probable than others, and what fits may do so at implausible values.
     """
     doubtful = result.verdict == "adequate" and kept(result) < 0.5
+    if result.unexplained_by == "law":
+        return "bad"
     return "warn" if doubtful or result.unexplained_by == "values" else _KINDS[result.verdict]
 
 
 def tiles(result: Diagnosis, shown: Sequence[Shown]) -> list[dict[str, str]]:
     """The key numbers: p values, and how far the models are off."""
-    found = [{"value": p_value(result.misfit.p_value), "label": "p value: baseline against the readings"}]
+    found = [
+        {
+            "value": p_value(result.misfit.p_value, result.misfit.baseline.floor),
+            "label": "p value: baseline against the readings",
+        }
+    ]
     if result.misfit.extended:
         what = "best causes, not adopted," if result.verdict == "adequate" else "extension"
         label = f"p value: {what} against the readings"
-        found.append({"value": p_value(result.misfit.extended.p_value), "label": label})
+        found.append({"value": p_value(result.misfit.extended.p_value, result.misfit.extended.floor), "label": label})
     for k, curve in enumerate(shown[0].curves):
         errors = [g.errors[k] for g in shown]
         label = f"typical factor between {curve.name} and reading, fitted to all groups"

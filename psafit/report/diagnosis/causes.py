@@ -15,7 +15,16 @@ from matplotlib.patches import Patch
 from psafit.compare import known
 from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.influence import Influence
-from psafit.diagnose.record import NEAREST, NOT_EXCLUDED, UNSEEN, CauseResult, Diagnosis, Evidence, ScreeningResult
+from psafit.diagnose.record import (
+    NEAREST,
+    NEXT_BEST,
+    NOT_EXCLUDED,
+    UNSEEN,
+    CauseResult,
+    Diagnosis,
+    Evidence,
+    ScreeningResult,
+)
 from psafit.inference.evidence import TRUSTED
 from psafit.report.catalogue import TITLES, cause, model, parameter
 from psafit.report.diagnosis import words
@@ -32,6 +41,7 @@ _SCREENED: Final = {
     "present": "bad",
     NEAREST: "warn",
     "as good": "bad",
+    NEXT_BEST: "warn",
     "explains part alone": "warn",
     "not present": "good",
     NOT_EXCLUDED: "warn",
@@ -42,13 +52,14 @@ _VERDICT_COLOR: Final = {
     "present": PALETTE["vermillion"],
     NEAREST: PALETTE["vermillion"],
     "as good": PALETTE["vermillion"],
+    NEXT_BEST: PALETTE["vermillion"],
     "explains part alone": PALETTE["orange"],
     "not present": PALETTE["grey"],
     NOT_EXCLUDED: PALETTE["sky"],
     UNSEEN: PALETTE["sky"],
 }
 
-_HATCH: Final = {UNSEEN: "////", "as good": "...."}
+_HATCH: Final = {UNSEEN: "////", "as good": "....", NEXT_BEST: "...."}
 
 
 def content(result: Diagnosis, shown: Sequence[Shown], pictured: Sequence[Shown]) -> dict[str, Any]:
@@ -304,7 +315,7 @@ def _bars(
 
 
 def alternatives(result: Diagnosis, most: int = 12) -> dict[str, Any]:
-    """Sets that do as well as the named one, `most` of them."""
+    """Sets that are reported with the named one, `most` of them."""
     listed_ones = {tuple(c.terms): c for c in result.causes}
     rows = []
     for ids in result.alternatives[:most]:
@@ -315,11 +326,13 @@ def alternatives(result: Diagnosis, most: int = 12) -> dict[str, Any]:
                 words.share(c.probability) if c else "–",
                 words.signed(c.evidence.over_baseline) if c else "–",
                 words.signed(c.evidence.gain) if c else "–",
+                "it fits as well" if ids in result.by_likelihood else "its probability",
                 ("sampled" if c.sampled else "estimated from a short fit") if c else "–",
             ]
         )
     return {
         "named": model(result.named) if result.named else None,
+        "tied": result.verdict != "unexplained",
         "rows": rows,
         "more": max(0, len(result.alternatives) - most),
     }

@@ -26,7 +26,7 @@ def content(result: Diagnosis) -> dict[str, Any]:
         "proposals": proposals(result.next_experiment),
         "confusion": rehearsal(result.confusion.repeated) if result.confusion.repeated else None,
         "rehearsals": [rehearsal(one) for one in result.next_experiment.rehearsals or []],
-        "calibration": calibration(result.calibration),
+        "calibration": calibration(result.calibration, result.explains),
     }
 
 
@@ -92,11 +92,12 @@ def rehearsal(found: Rehearsal) -> dict[str, Any]:
     return {"text": found.proposal, "first": found.first, "n": len(rows), "rows": rows}
 
 
-def calibration(found: Calibration | None) -> dict[str, Any] | None:
+def calibration(found: Calibration | None, explains: bool) -> dict[str, Any] | None:
     """How often such a verdict is right here: by what made the readings, and by the probability printed."""
     if not found:
         return None
     return {
+        "explains": explains,
         "n": found.exact.of,
         "truths": [
             [model(one.truth), str(one.exact.of), str(one.exact.n), str(one.reported.n)] for one in found.truths

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from psafit.arrays import FloatArray
 from psafit.compare import known
-from psafit.diagnose.misfit import ALPHA, CHARACTERS
+from psafit.diagnose.misfit import ALPHA, Objection, described
 from psafit.diagnose.record import Diagnosis, Tests
 from psafit.diagnose.significance import OTHERWISE, Significance
 from psafit.report.diagnosis import words
@@ -21,6 +21,13 @@ from psafit.report.page import Picture, first
 from psafit.report.style import BAND, PALETTE, figure_style, new_figure
 from psafit.report.wording import NBSP, factor, listed, p_value, percent, typeset
 from psafit.text import fixed, significant
+
+_OBJECTS: Final[dict[Objection, str]] = {
+    "": "",
+    "tests": "",
+    "together": "But readings of several groups stand out together, so that it is not sound",
+    "tails": "But only because heavy tails take up what stands out, so that it is not sound",
+}
 
 _LOOKS_AT: Final = {
     "mean": "the physics",
@@ -45,9 +52,11 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
     """What the tests of one model found, `most` of them, the most striking first."""
     odd = [Markup("reading {} of group {}").format(k + 1, g) for g, k in tests.odd_points]
     return {
-        "p": words.p_text(tests.p_value),
+        "p": words.p_text(tests.p_value, tests.floor),
         "wrong": tests.p_value < ALPHA,
-        "character": CHARACTERS[tests.character],
+        "sound": not tests.objection,
+        "objection": _OBJECTS[tests.objection],
+        "character": described(tests.character, tests.statistics),
         "n_simulated": tests.n_simulated,
         "refit": "refitted with the model itself" if tests.refit == "exact" else "refitted with its expansion",
         "odd_groups": words.group_ids(tests.odd_groups) if tests.odd_groups else None,
@@ -59,7 +68,7 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
                 "all" if s.group is None else Markup("group {}").format(s.group),
                 _LOOKS_AT.get(s.kind, s.kind),
                 typeset(fixed(s.excess, 2)),
-                p_value(s.p_value),
+                p_value(s.p_value, tests.floor),
                 {"text": "yes", "kind": "bad" if tests.p_value < ALPHA else "warn"} if s.significant else "no",
             ]
             for s in tests.statistics[:most]

@@ -75,9 +75,9 @@ def best_model_of(result: Diagnosis) -> CauseResult | None:
     return CauseResult(result.named, math.nan, found, nothing, []) if found else None
 
 
-def p_text(p: float) -> str:
+def p_text(p: float, floor: float) -> str:
     """``p = 0.01``, or that it is at most so much."""
-    text = p_value(p)
+    text = p_value(p, floor)
     return f"p {text}" if text.startswith("≤") else f"p = {text}"
 
 
