@@ -67,7 +67,7 @@ class Judged(Statement):
     simulated : int
         Data sets that gave it.
     share : float
-        What the baseline keeps of the probability of all sets of the catalogue.
+        Probability that no cause shows: of the baseline, with all sets that these readings cannot see.
     unnamed : bool
         Whether what is more probable has no name.
     """
@@ -85,8 +85,8 @@ class Judged(Statement):
             "together": "The tests do not reject the baseline ({}), but readings of {} stand out together.",
             "tails": "The tests pass the baseline only because heavy tails take up what stands out; without: {}.",
             "improbable": "The tests do not reject the baseline ({}), but it is improbable compared with {}.",
-            "yes": "The tests find nothing wrong with the baseline: {}. It keeps {} of the probability.",
-            "so far": "The tests find nothing wrong with the baseline: {}. It keeps only {} of the probability.",
+            "yes": "The tests find nothing wrong with the baseline: {}. The probability that no cause shows is {}.",
+            "so far": "The tests find nothing wrong with the baseline: {}. The probability that no cause shows is only {}.",
         }
         least = self.p_value <= 1 / (self.simulated + 1)
         few = "none" if least else words.fraction(self.p_value) if self.p_value < 0.1 else words.per_cent(self.p_value)
