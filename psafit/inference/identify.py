@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
@@ -83,6 +83,15 @@ class _Walk:
     index: int
     points: list[tuple[FloatArray, float]]
     how: ProfileSettings
+    again: set[tuple[float, float, float]] = field(default_factory=set)
+
+    def add(self, u: FloatArray, log_posterior: float) -> None:
+        """Add a point; of two at one coordinate the higher stays."""
+        place = float(u[self.index])
+        known = {float(v[self.index]): (v, value) for v, value in self.points}
+        if place not in known or known[place][1] < log_posterior:
+            known[place] = (u, log_posterior)
+        self.points = [known[at] for at in sorted(known)]
 
     @property
     def highest(self) -> float:
@@ -118,6 +127,21 @@ class _Walk:
                 or (abs(log_posterior - other) > self.how.smooth and b[self.index] - a[self.index] > self.how.jump)
             )
         ]
+
+    def dips(self) -> list[FloatArray]:
+        """Points below what lies on either side of them, once more from each neighbour: refits may have ended early."""
+        heights, starts = [log_posterior for _, log_posterior in self.points], []
+        for k in range(1, len(heights) - 1):
+            if heights[k] > min(max(heights[:k]), max(heights[k + 1 :])) - self.how.smooth:
+                continue
+            for near in (k - 1, k + 1):
+                start = self.points[near][0].copy()
+                tried = (float(self.points[k][0][self.index]), float(start[self.index]), heights[near])
+                if tried not in self.again and heights[near] > heights[k]:
+                    self.again.add(tried)
+                    start[self.index] = tried[0]
+                    starts.append(start)
+        return starts
 
 
 def profiles(
@@ -160,8 +184,7 @@ def profiles(
         end = maximise(likelihood, rows, frozen=held)
         log_posteriors = likelihood.profiled(end, [walk.index for walk, _ in starts])
         for (walk, _), u, log_posterior in zip(starts, end.u, log_posteriors, strict=True):
-            walk.points.append((u, float(log_posterior)))
-            walk.points.sort(key=lambda point: (float(point[0][walk.index]), point[1]))
+            walk.add(u, float(log_posterior))
 
     peak = maximise(likelihood, np.clip(top, low, high))
     slope = slopes(likelihood, peak.u, peak.predicted)
@@ -185,7 +208,8 @@ def profiles(
             if len(walk.points) > 1
             and (start := walk.next(side, width[walk.index], low[walk.index], high[walk.index])) is not None
         ]
-        going = asked or [(walk, start) for walk in walks for start in walk.gaps()]
+        # What has a dip gets no points between before that is sound.
+        going = asked or [(walk, start) for walk in walks for start in walk.dips() or walk.gaps()]
         if not going:
             break
         optimise(going)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from rigs import TRUTH
 
 from psafit.experiment import Experiment, Group, read_experiment
 from psafit.inference import identify, noise
+from psafit.inference.optimiser import Optima, maximise
 from psafit.inference.problem import Problem
 from psafit.inference.run_folder import Run
 from psafit.physics import terms
@@ -77,6 +80,23 @@ def test_a_profile_does_not_lean_on_what_a_cause_cannot_be() -> None:
     top = problem.to_sampling(np.array([near[name] for name in problem.names]))
     limit = identify.limits(identify.profiles(problem, top, columns=[2])[0])[1]
     assert limit is not None and limit < 60
+
+
+def test_a_refit_that_ends_early_leaves_no_dip(finished: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One refit in five ends 10 nats too low: limits were those of the nearest such point."""
+    problem = finished.problem
+    top = problem.to_sampling(np.array(list(finished.fit.minima[0].values.values())))
+    (right,) = identify.profiles(problem, top, columns=[1])
+    rng = np.random.default_rng(2)
+
+    def early(*args: Any, **options: Any) -> Optima:
+        end = maximise(*args, **options)
+        low = 10.0 * (rng.random(len(end.u)) < (0.2 if "frozen" in options else 0.0))
+        return replace(end, log_posterior=end.log_posterior - low)
+
+    monkeypatch.setattr(identify, "maximise", early)
+    (found,) = identify.profiles(problem, top, columns=[1])
+    assert identify.limits(found) == pytest.approx(identify.limits(right), rel=0.05)
 
 
 def test_words_for_each_verdict() -> None:
