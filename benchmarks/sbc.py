@@ -55,7 +55,7 @@ from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
 from psafit.files import digest, locked, sha256
 from psafit.inference import noise
-from psafit.inference.candidate import Candidate, FitSettings, built_up, separate_modes, within_bounds
+from psafit.inference.candidate import Candidate, built_up, separate_modes, within_bounds
 from psafit.inference.evidence import ImportanceSample, quantiles
 from psafit.inference.memory import Memory, code
 from psafit.inference.mixture import StudentMixture
@@ -155,7 +155,7 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class Signed(Problem):
-    """A problem whose readings may be negative, as the likelihood has them; few enough that no fit thins them."""
+    """A problem whose readings may be negative, as the likelihood has them."""
 
     readings: FloatArray | None = None
 
@@ -163,6 +163,11 @@ class Signed(Problem):
     def observed(self) -> FloatArray:
         assert self.readings is not None and self.readings.size == self.design.n_points
         return self.readings
+
+    def thinned(self, every: int) -> Signed:
+        numbered = self.experiment.with_readings(np.arange(self.design.n_points, dtype=float)).thinned(every)
+        rows = np.concatenate([g.reading for g in numbered.groups]).astype(int)
+        return replace(self, experiment=self.experiment.thinned(every), readings=self.observed[rows])
 
 
 def conditions(plan: Plan) -> Experiment:
@@ -185,9 +190,6 @@ def truth(plan: Plan, number: int) -> tuple[Problem, FloatArray, int]:
     else:
         ids = [id for id in plan.terms.split(",") if id]
     experiment = conditions(plan)
-    if (n := sum(g.n_points for g in experiment.groups)) >= FitSettings.many:
-        remedy = f"choose --group of less than {FitSettings.many}"
-        raise InputError(f"{n} readings, of which fits would look at some", remedy)
     problem = Signed(experiment, experiment.ids, terms(ids), SearchSettings().tolerance)
     read, redrawn = np.array([math.nan]), -1
     asked = [problem.names.index(t.strength.name) for t in problem.terms] if plan.drawn == "asked" else []

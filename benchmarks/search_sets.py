@@ -183,7 +183,7 @@ def _study() -> dict[str, Callable[[], DataSet]]:
 
 def _campaign(seed: int = 101, n: int = 40) -> dict[str, Callable[[], DataSet]]:
     """The first of a campaign's plan, which mixes nothing, one cause, two, and effects outside the catalogue."""
-    specs = plan(seed, outside=[effect.name for effect in OUTSIDE], terms=CATALOGUE, designs=4)[:n]
+    specs = plan(seed, outside=[effect.name for effect in OUTSIDE], terms=CATALOGUE, designs=4, nothing=40)[:n]
     return {f"campaign-{s.id}": partial(_of_spec, f"campaign-{s.id}", "campaign", s, seed) for s in specs}
 
 
@@ -207,7 +207,9 @@ def _limits() -> dict[str, Callable[[], DataSet]]:
     }  # fmt: skip
     found: dict[str, Callable[[], DataSet]] = {"seed11-two-40": _seed_11}
     for seed, ids in named.items():
-        specs = {s.id: s for s in plan(seed, outside=effects, terms=then if seed >= 32 else earlier, designs=4)}
+        specs = {
+            s.id: s for s in plan(seed, outside=effects, terms=then if seed >= 32 else earlier, designs=4, nothing=40)
+        }
         for id in ids:
             found[f"seed{seed}-{id}"] = partial(_of_spec, f"seed{seed}-{id}", "limits", specs[id], seed)
     return found

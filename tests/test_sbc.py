@@ -122,9 +122,9 @@ def test_readings_are_those_of_the_likelihood() -> None:
 def test_draws_reach_a_long_tail() -> None:
     """Where a contact hardly damps, less of it changes nothing: a chain of 4,000 steps has its hundredth at -1.92."""
     problem, _, _ = sbc.truth(sbc.Plan(terms=""), 15)
-    _, draws = sbc.diagnosed(problem, 15)
-    damping = draws.draws[:, problem.names.index("c_c")]
-    assert draws.quantiles(damping, [0.01])[0] == pytest.approx(-1.92, abs=0.5)
+    of_seed = [sbc.diagnosed(problem, seed)[1] for seed in (15, 16, 17)]
+    hundredth = [d.quantiles(d.draws[:, problem.names.index("c_c")], [0.01])[0] for d in of_seed]
+    assert np.mean(hundredth) == pytest.approx(-1.92, abs=0.5)  # one of 300 effective draws is off by 0.45
 
 
 def test_what_was_broken_off_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

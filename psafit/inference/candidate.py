@@ -220,8 +220,7 @@ class Candidate:
 def subsampled(problem: Problem, settings: FitSettings) -> Problem:
     """A problem roughly simulated, and of many readings with some of them only."""
     every = max(problem.observed.size // settings.readings, 1)
-    rough = replace(problem, tolerance=max(problem.tolerance, settings.rough))
-    return replace(rough, experiment=problem.experiment.thinned(every))
+    return replace(problem.thinned(every), tolerance=max(problem.tolerance, settings.rough))
 
 
 def fit(

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,6 +157,10 @@ class Problem:
     def design_of(self, group_ids: Sequence[GroupId]) -> Design:
         """Conditions of other groups of the same experiment."""
         return Design.of(self.experiment.constants, [self.experiment.group(g) for g in group_ids])
+
+    def thinned(self, every: int) -> Self:
+        """The same of every so many-th reading; see `psafit.experiment.Experiment.thinned`."""
+        return replace(self, experiment=self.experiment.thinned(every))
 
     @cached_property
     def observed(self) -> FloatArray:

@@ -96,7 +96,7 @@ def test_a_refit_that_ends_early_leaves_no_dip(finished: Run, monkeypatch: pytes
 
     monkeypatch.setattr(identify, "maximise", early)
     (found,) = identify.profiles(problem, top, columns=[1])
-    assert identify.limits(found) == pytest.approx(identify.limits(right), rel=0.05)
+    assert identify.limits(found) == pytest.approx(identify.limits(right), rel=0.1)
 
 
 def test_words_for_each_verdict() -> None:

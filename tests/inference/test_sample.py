@@ -24,12 +24,12 @@ from psafit.physics import TERMS, terms
 
 
 def test_a_sample_goes_on_to_what_its_draws_show() -> None:
-    """Begun far below the top, it ends where hops from a fit of many starts do."""
+    """Begun far below the top, it ends no lower than hops from a fit of many starts."""
     one = replace(problem(experiment(["amplifier_lag"], [4e-5])), terms=terms(["amplifier_lag"]))
     best = hopped(fit(one, (), seed=2, draws=1024, most=24), seed=2)
     found, draws = sample(one, seed=1)
     better = SearchSettings().better
-    assert found.log_posterior == pytest.approx(best.log_posterior, abs=better)
+    assert found.log_posterior > best.log_posterior - better
     assert draws.log_posterior <= found.log_posterior + better and draws.standard_error < 1.0
 
 

@@ -85,8 +85,8 @@ class Judged(Statement):
             "together": "The tests do not reject the baseline ({}), but readings of {} stand out together.",
             "tails": "The tests pass the baseline only because heavy tails take up what stands out; without: {}.",
             "improbable": "The tests do not reject the baseline ({}), but it is improbable compared with {}.",
-            "yes": "The tests find nothing wrong with the baseline: {}. The probability that no cause shows is {}.",
-            "so far": "The tests find nothing wrong with the baseline: {}. The probability that no cause shows is only {}.",
+            "yes": "The tests find nothing wrong with the baseline: {}. The chance that no cause shows is {}.",
+            "so far": "The tests find nothing wrong with the baseline: {}. The chance that no cause shows is only {}.",
         }
         least = self.p_value <= 1 / (self.simulated + 1)
         few = "none" if least else words.fraction(self.p_value) if self.p_value < 0.1 else words.per_cent(self.p_value)
