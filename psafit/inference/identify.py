@@ -130,14 +130,14 @@ class _Walk:
 
     def dips(self) -> list[FloatArray]:
         """Points below what lies on either side of them, once more from each neighbour: refits may have ended early."""
-        heights, starts = [log_posterior for _, log_posterior in self.points], []
-        for k in range(1, len(heights) - 1):
-            if heights[k] > min(max(heights[:k]), max(heights[k + 1 :])) - self.how.smooth:
+        found, starts = [log_posterior for _, log_posterior in self.points], []
+        for k in range(1, len(found) - 1):
+            if found[k] > min(max(found[:k]), max(found[k + 1 :])) - self.how.smooth:
                 continue
             for near in (k - 1, k + 1):
                 start = self.points[near][0].copy()
-                tried = (float(self.points[k][0][self.index]), float(start[self.index]), heights[near])
-                if tried not in self.again and heights[near] > heights[k]:
+                tried = (float(self.points[k][0][self.index]), float(start[self.index]), found[near])
+                if tried not in self.again and found[near] > found[k]:
                     self.again.add(tried)
                     start[self.index] = tried[0]
                     starts.append(start)
