@@ -16,9 +16,9 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from psafit.diagnose.gain import split, summarise
-from psafit.diagnose.laws import broken
 from psafit.diagnose.searching import searched
 from psafit.experiment import read_experiment
+from psafit.inference.laws import broken
 from psafit.inference.memory import Memory
 from psafit.inference.problem import Problem
 from psafit.physics import TERMS

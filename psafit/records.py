@@ -463,11 +463,47 @@ class GroupScore:
         return f", {self.observable.replace('_', ' ')}" if self.observable else ""
 
 
+Law = Literal["carried", "energy"]
+
+
+@dataclass(frozen=True)
+class Broken:
+    """One law that a model breaks, where it breaks it most.
+
+    Parameters
+    ----------
+    law : {"carried", "energy"}
+    terms : list of str
+        The model's causes.
+    group : str or int
+    frequency_hz, amplitude_v : float
+        Of the reading.
+    value, limit : float
+        What the model says, and what the law allows: ranges in um ("carried", at least), energies in J ("energy", at
+        most).
+    readings : int
+        At which the law is broken, of those that were asked.
+    text : str
+        The same in words.
+    """
+
+    law: Law
+    terms: list[str]
+    group: GroupId
+    frequency_hz: float
+    amplitude_v: float
+    value: float
+    limit: float
+    readings: int
+    text: str
+
+
 @dataclass(frozen=True, repr=False)
 class Validation(Brief):
     """`validation.json`: the posterior predictive against every group; the table is in `predictions.csv`.
 
-    `holdout_log_rmse` is the mean over the informative groups that were held out, None without any.
+    `holdout_log_rmse` is the mean over the informative groups that were held out, None without any; `laws` are those
+    that the model breaks at its best values (`psafit.inference.laws`).
     """
 
     _in_repr = ("holdout_log_rmse", "n_draws", "seed")
@@ -478,6 +514,7 @@ class Validation(Brief):
     groups: list[GroupScore]
     holdout_log_rmse: float | None
     pit: dict[str, list[float]]
+    laws: list[Broken] = field(default_factory=list)
 
 
 def plain(value: Any) -> Any:

@@ -32,6 +32,8 @@ from psafit.arrays import FloatArray
 from psafit.experiment import Group, GroupId
 from psafit.files import write_atomically
 from psafit.inference import noise
+from psafit.inference.candidate import candidate_at
+from psafit.inference.laws import broken
 from psafit.inference.problem import Problem
 from psafit.inference.run_folder import Run
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
@@ -406,6 +408,8 @@ def predicts(validation: Validation) -> Predicts:
 
 def caution(validation: Validation) -> str:
     """Why the values of a fit may stand in for what the model lacks; empty where nothing says so."""
+    if validation.laws:
+        return f"the best values break a law ({validation.laws[0].text})"
     if drifting(validation):
         return "the errors of what was fitted drift"
     unseen = _unseen(validation)
@@ -499,6 +503,7 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
     predictions = predict(run, n_draws=n_draws)
     scores = [score(p) for p in predictions]
     held_out = [s.log_rmse for s in scores if s.role == "holdout" and s.informative]
+    best = np.array([run.fit.minima[0].values[name] for name in run.problem.names])
     record = Validation(
         identity=run.fit.identity,
         n_draws=min(n_draws, len(run.draws.flat)),
@@ -506,6 +511,7 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
         groups=scores,
         holdout_log_rmse=float(np.mean(held_out)) if held_out else None,
         pit={p.group.label: p.pit.tolist() for p in predictions},
+        laws=broken(candidate_at(run.problem, run.problem.to_sampling(best)[None])),
     )
     write_json(run.folder / "validation.json", record)
     write_predictions(run.folder / "predictions.csv", predictions)

@@ -20,6 +20,7 @@ from psafit.inference.optimiser import log_posteriors
 from psafit.inference.problem import Problem
 from psafit.inference.samplers.emcee import Settings
 from psafit.physics import terms
+from psafit.records import Broken
 from psafit.validate import verdict
 
 
@@ -195,6 +196,19 @@ def test_values_are_doubted_where_the_fit_does_not_predict(checked) -> None:  # 
         groups = [fitted, replace(unseen, coverage_90=coverage)]
         assert validate.caution(replace(found, groups=groups, holdout_log_rmse=error)) == why
     assert validate.caution(replace(found, groups=[fitted], holdout_log_rmse=None)) == ""
+
+
+def test_a_fit_that_breaks_a_law_is_doubted(checked, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
+    """The best values of a fit are asked; what they break is on record, and the first thing that is said."""
+    run, found = checked[0], checked[1]
+    law = Broken("energy", [], 1, 200.0, 20.0, 2.0, 1.0, 3, "group 1, 200 Hz, 20 V: more than the drive gives")
+    asked = []
+    monkeypatch.setattr(validate, "broken", lambda candidate: asked.append(candidate) or [law])
+    broken, _ = validate.validate(run)
+    assert asked[0].values == pytest.approx(list(run.fit.minima[0].values.values()))
+    assert validate.caution(broken) == "the best values break a law (group 1, 200 Hz, 20 V: more than the drive gives)"
+    monkeypatch.undo()
+    assert found.laws == validate.validate(run)[0].laws == []
 
 
 def test_one_unseen_group_that_fails_is_not_averaged_away(checked) -> None:  # type: ignore[no-untyped-def]

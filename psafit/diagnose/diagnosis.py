@@ -23,7 +23,6 @@ from psafit.diagnose.folder import claim, held_in, identity_of
 from psafit.diagnose.gain import Choice
 from psafit.diagnose.influence import influence
 from psafit.diagnose.judging import Judgement, judge
-from psafit.diagnose.laws import broken
 from psafit.diagnose.next_experiment import NextExperiment, Purpose
 from psafit.diagnose.record import (
     PAGE,
@@ -51,6 +50,7 @@ from psafit.files import digest, locked, portable_command, sha256
 from psafit.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
+from psafit.inference.laws import broken
 from psafit.inference.memory import Memory, lent
 from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.run import fit

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from psafit.diagnose.discrepancy import Discrepancy, discrepancy, stretch
-from psafit.diagnose.laws import broken
 from psafit.diagnose.misfit import Misfit, examine
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.inference.candidate import Candidate
+from psafit.inference.laws import broken
 from psafit.model_search import ModelSet
 from psafit.physics.term import Term
 

@@ -4,26 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from psafit.inference.laws import LawSettings
 from psafit.model_search import SearchSettings
-
-
-@dataclass(frozen=True)
-class LawSettings:
-    """When a law counts as broken.
-
-    Parameters
-    ----------
-    margin : float
-        Widths of a reading's scatter by which a range may lie below what the tip carries the ball to.
-    energy : float
-        Share of the drive's work by which the ball's energy may exceed it: far above the reference's error.
-    held : int
-        Alternatives, the most probable first, that are asked in addition to the model adopted.
-    """
-
-    margin: float = 2.0
-    energy: float = 1e-3
-    held: int = 3
 
 
 @dataclass(frozen=True)

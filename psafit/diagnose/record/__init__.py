@@ -11,11 +11,9 @@ from psafit.diagnose.influence import Influence
 from psafit.diagnose.next_experiment import NextExperiment, Rehearsal
 from psafit.diagnose.record.misfit import (
     Axis,
-    Broken,
     DiscrepancyResult,
     Draft,
     GroupDiscrepancy,
-    Law,
     MisfitResult,
     Reading,
     Tests,
@@ -40,7 +38,7 @@ from psafit.errors import InputError
 from psafit.experiment import GroupId
 from psafit.files import sha256
 from psafit.model_search.model_set import LookedAt
-from psafit.records import ABSENT, Brief, Numerics
+from psafit.records import ABSENT, Brief, Broken, Law, Numerics
 
 __all__ = [
     "MARKER",

@@ -177,38 +177,3 @@ class Draft:
     factor: float
     width: float
     share: float
-
-
-Law = Literal["carried", "energy"]
-
-
-@dataclass(frozen=True)
-class Broken:
-    """One law that a model breaks, where it breaks it most.
-
-    Parameters
-    ----------
-    law : {"carried", "energy"}
-    terms : list of str
-        The model's causes.
-    group : str or int
-    frequency_hz, amplitude_v : float
-        Of the reading.
-    value, limit : float
-        What the model says, and what the law allows: ranges in um ("carried", at least), energies in J ("energy", at
-        most).
-    readings : int
-        At which the law is broken, of those that were asked.
-    text : str
-        The same in words.
-    """
-
-    law: Law
-    terms: list[str]
-    group: GroupId
-    frequency_hz: float
-    amplitude_v: float
-    value: float
-    limit: float
-    readings: int
-    text: str

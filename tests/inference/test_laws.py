@@ -12,10 +12,9 @@ import pytest
 from rigs import RIG
 from truths import experiment, problem
 
-from psafit.diagnose.laws import broken
-from psafit.diagnose.settings import LawSettings
 from psafit.experiment import Experiment, Group, fingerprint
 from psafit.inference.candidate import Candidate
+from psafit.inference.laws import LawSettings, broken
 from psafit.inference.problem import Problem
 from psafit.physics import term, terms
 from psafit.physics.term import Term

@@ -13,22 +13,41 @@ the stepper; the second by the literal reference, of the farthest launch of ever
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.record import Broken, Law
-from psafit.diagnose.settings import LawSettings
 from psafit.errors import ConvergenceError
 from psafit.inference.candidate import Candidate
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.physics import baseline
 from psafit.physics.term import Term
+from psafit.records import Broken, Law
 from psafit.simulate.batch import MICRO, columns, simulate
 from psafit.simulate.design import Design
 from psafit.simulate.literal import energy
 from psafit.simulate.reference import Point
 from psafit.text import significant
+
+
+@dataclass(frozen=True)
+class LawSettings:
+    """When a law counts as broken.
+
+    Parameters
+    ----------
+    margin : float
+        Widths of a reading's scatter by which a range may lie below what the tip carries the ball to.
+    energy : float
+        Share of the drive's work by which the ball's energy may exceed it: far above the reference's error.
+    held : int
+        Alternatives, the most probable first, that are asked in addition to the model adopted.
+    """
+
+    margin: float = 2.0
+    energy: float = 1e-3
+    held: int = 3
 
 
 def broken(candidate: Candidate, settings: LawSettings | None = None) -> list[Broken]:
