@@ -97,8 +97,10 @@ def suspicious_facts(rig: Rig, constants: Constants, groups: Sequence[Group]) ->
     return [f"{DEFINITION}: [rig] {text}" for text in found]
 
 
-def _suspicious_rating(rig: Rig, groups: Sequence[Group], least: float = 0.3, most: float = 4.0) -> list[str]:
-    """A rated voltage that no layers have, or that the drive exceeds.
+def _suspicious_rating(
+    rig: Rig, groups: Sequence[Group], least: float = 0.3, most: float = 4.0, reverse: float = 0.2
+) -> list[str]:
+    """A rated voltage that no layers have, or that the drive exceeds, or goes against.
 
     Parameters
     ----------
@@ -108,6 +110,10 @@ def _suspicious_rating(rig: Rig, groups: Sequence[Group], least: float = 0.3, mo
         Fields at the rated voltage. Layers of 0.4 to 1 mm take 1000 V, those of 25 to 100 um 100 to 150 V (Physik
         Instrumente, pages on stack design, read): 1 to 2.5 kV/mm, and up to 4 at 25 um. Bulk PZT depoles and arcs
         beyond.
+    reverse : float
+        How far below zero a drive may go, over the rated voltage: soft PZT depoles beyond. Makers state -20 V for
+        stacks of 100 to 130 V, -30 V for those of 150 V (piezosystem jena, a device file with -20 to 130 V, read;
+        Physik Instrumente, -20 to 120 V, and others, usual figures, not verified). Bipolar elements exist.
     """
     if rig.rated_voltage is None:
         return []
@@ -119,24 +125,38 @@ def _suspicious_rating(rig: Rig, groups: Sequence[Group], least: float = 0.3, mo
                 f"rated_voltage over layer_thickness is {field:.3g} kV/mm, of stacks it is 1 to 2; is one of them in"
                 " another unit?"
             )
-    reached = {group.id: _greatest_volts(group) for group in groups}
-    highest = max(reached, key=reached.__getitem__)
-    if reached[highest] > rig.rated_voltage:
+    reached = {group.id: _volts(group) for group in groups}
+    highest = max(reached, key=lambda id: max(map(abs, reached[id])))
+    lowest = min(reached, key=lambda id: reached[id][0])
+    volts = max(map(abs, reached[highest]))
+    if volts > rig.rated_voltage:
         found.append(
             f"rated_voltage = {rig.rated_voltage:g} V is below the drive of group {highest}, which reaches"
-            f" {reached[highest]:g} V; is one of them wrong?"
+            f" {volts:g} V; is one of them wrong?"
         )
+    elif reached[lowest][0] < -reverse * rig.rated_voltage:
+        found.append(_reversed(next(g for g in groups if g.id == lowest), reached[lowest][0], rig.rated_voltage))
     return found
 
 
-def _greatest_volts(group: Group) -> float:
-    """The greatest voltage of a drive, either way, V."""
+def _reversed(group: Group, volts: float, rated: float) -> str:
+    """What is asked of a drive that goes as far below zero as most stacks do not survive."""
+    waveform = f"unipolar_{group.waveform}"
+    remedy = f"if it goes from 0 to V: {waveform}" if waveform in WAVEFORMS else "is its sign right, and bias_v?"
+    return (
+        f"the drive of group {group.id}, {group.waveform}, goes down to {volts:g} V, which most stacks of {rated:g} V"
+        f" do not survive; {remedy}"
+    )
+
+
+def _volts(group: Group) -> tuple[float, float]:
+    """The least and the greatest voltage of a drive, V."""
     drive, form = group.drive, WAVEFORMS.get(group.waveform)
     if drive.table is not None and drive.recorded:
-        return float(np.abs(drive.table.value).max())
+        return float(drive.table.value.min()), float(drive.table.value.max())
     span = form.span if form else drive.table.span if drive.table else (-1.0, 1.0)
     volts = [drive.idle_v, *(drive.bias_v + level * float(group.amplitude_v.max()) for level in span)]
-    return max(map(abs, volts))
+    return min(volts), max(volts)
 
 
 def _suspicious_ball(rig: Rig, constants: Constants, factor: float = 1.33) -> list[str]:

@@ -233,7 +233,9 @@ def test_a_fact_too_small_is_asked_for_another_unit_than_one_too_large(tmp_path:
         ("rated_voltage = 1500\nlayer_thickness = 1.1e-4", "rated_voltage over layer_thickness is 13.6 kV/mm"),
         ("rated_voltage = 1000\nlayer_thickness = 1e-3", ""),
         ("rated_voltage = 100\nlayer_thickness = 25e-6", ""),
-        ("rated_voltage = 20", ""),
+        ("rated_voltage = 100", ""),  # exactly a fifth below zero
+        ("rated_voltage = 90", "drive of group 1, sine, goes down to -20 V, which most stacks of 90 V do not survive;"),
+        ("rated_voltage = 20", "if it goes from 0 to V: unipolar_sine"),
         ("rated_voltage = 15", "rated_voltage = 15 V is below the drive of group 1, which reaches 20 V"),
     ],
 )
@@ -256,6 +258,22 @@ def test_a_bias_counts_towards_the_rating(tmp_path: Path, keys: str, reaches: in
     toml = TOML.replace('waveform = "sine"', keys if "waveform" in keys else f'waveform = "sine"\n{keys}')
     (said,) = read_experiment(write(tmp_path, f"{toml}[rig]\nrated_voltage = 19\n")).warnings
     assert said.endswith(f"which reaches {reaches} V; is one of them wrong?")
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ('waveform = "unipolar_sine"', ""),
+        ('waveform = "sine"\nbias_v = 10', ""),
+        ('waveform = "sine"\nidle_v = -30', "goes down to -30 V"),
+        ('waveform = "triangle"', "is its sign right, and bias_v?"),
+        ('waveform = "square"', "if it goes from 0 to V: unipolar_square"),
+    ],
+)
+def test_a_drive_far_below_zero_is_reported(tmp_path: Path, keys: str, said: str) -> None:
+    toml = TOML.replace('waveform = "square"', 'waveform = "unipolar_square"').replace('waveform = "sine"', keys)
+    warnings = read_experiment(write(tmp_path, f"{toml}[rig]\nrated_voltage = 60\n")).warnings
+    assert [said in w for w in warnings] == [True] * bool(said)
 
 
 @pytest.mark.parametrize("fact", DOUBTS)
