@@ -20,6 +20,7 @@ from scipy.stats import qmc
 from psafit.arrays import FloatArray
 from psafit.errors import Faults
 from psafit.experiment import Experiment, Group, read_experiment
+from psafit.experiment.definition import Definition
 from psafit.experiment.text import one_line
 from psafit.observables import OBSERVABLES, Observable
 from psafit.physics import informed
@@ -33,6 +34,8 @@ def read(folder: str | Path) -> Experiment:
     for belief in experiment.beliefs:
         with faults.kept():
             informed([belief], ())
+    for doubt in Definition(experiment.folder).doubts() if len(faults) else ():
+        faults.add(doubt)
     faults.end()
     return with_scale(experiment)
 

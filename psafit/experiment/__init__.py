@@ -197,6 +197,9 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str]:
         for declared in definition.groups(faults):
             with faults.kept():
                 groups.append(_sweep(declared, planned=planned))
+    if len(faults):
+        for fault in definition.doubts():
+            faults.add(fault)
     faults.end()
     return Plan(constants, tuple(groups), definition.known(stated, rig, constants), limits, title, rig), source
 

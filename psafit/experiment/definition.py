@@ -15,8 +15,9 @@ from typing import Any
 from psafit.drives import NAMES, TABLE, Drive, Table, instead
 from psafit.errors import Faults, InputError
 from psafit.experiment.drive_table import SETTING_LIMITS, read_drive
+from psafit.experiment.plausible import doubt
 from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId
-from psafit.experiment.rig import ALIASES, MATERIALS, Rig, material_named
+from psafit.experiment.rig import ALIASES, MATERIALS, Followed, Rig, material_named
 from psafit.experiment.rig import beliefs as rig_beliefs
 from psafit.experiment.table import LIMITS as COLUMN_LIMITS
 from psafit.experiment.text import did_you_mean, listed, one_line, read_text, shown, unreadable
@@ -245,7 +246,8 @@ class Definition:
         if not (math.isfinite(number) and number > 0):
             raise error(f"= {number:g} is not positive and finite", "give its value in SI units")
         if said := _beyond(number, LIMITS[name]):
-            raise error(said, "give its value in SI units")
+            _, question = doubt(name, number) or ("", "give its value in SI units")
+            raise error(said, question)
         return number
 
     def limits(self) -> tuple[tuple[str, tuple[float, float]], ...]:
@@ -303,12 +305,28 @@ class Definition:
         A stated prior says which values are plausible. Whether the cause is at work follows from the rig nevertheless,
         where that is not stated as well.
         """
-        line = self._line("rig")
-        followed = [replace(b, file=self.file, line=line) for b in (rig_beliefs(rig, constants) if rig else ())]
+        followed = [self._placed(b) for b in (rig_beliefs(rig, constants) if rig else ())]
         at_work = {b.name: b.probability for b in followed}
         own = [b if b.probability else replace(b, probability=at_work.get(b.name)) for b in stated]
         names = {b.name for b in stated}
         return (*(b for b in followed if b.name not in names), *own)
+
+    def _placed(self, belief: Followed) -> Followed:
+        """What follows, with the line of the fact that is doubtful, or else of the first."""
+        keys = [key for key, value in belief.facts if doubt(key, value)] + [key for key, _ in belief.facts]
+        place = "constants" if keys[0] in _CONSTANTS else "rig"
+        return replace(belief, file=self.file, line=self._line(place, keys[0]))
+
+    def doubts(self) -> list[InputError]:
+        """Constants and facts outside of what such rigs have, for whoever has faults to report anyway."""
+        found = []
+        for place, limits in (("constants", LIMITS), ("rig", FACT_LIMITS)):
+            table = self.data.get(place)
+            values = table.items() if isinstance(table, dict) else ()
+            for name, number in ((name, _number(value)) for name, value in values if name in limits):
+                if number is not None and not _beyond(number, limits[name]) and (said := doubt(name, number)):
+                    found.append(self.error(*said, place, name))
+        return found
 
     def _material(self, name: str, value: object) -> str:
         if not isinstance(value, str):
@@ -323,7 +341,8 @@ class Definition:
         if number is None or not 0 < number < math.inf:
             raise self.error(f"{name} is not a positive number", _FACT, "rig", name)
         if said := _beyond(number, FACT_LIMITS[name]):
-            raise self.error(f"{name} {said}", _FACT, "rig", name)
+            _, question = doubt(name, number) or ("", _FACT)
+            raise self.error(f"{name} {said}", question, "rig", name)
         return number
 
     def beliefs(self) -> tuple[Belief, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from importlib.resources import as_file, files
 
@@ -23,7 +23,7 @@ _EXAMPLE = "EXAMPLE, replace:"
 _POWER = "is a power of ten wrong?"
 # Wide enough for any rig of this kind, narrow enough to catch a factor of a thousand in the unit: the ends, the unit,
 # and what to ask below and above.
-_PLAUSIBLE: dict[str, tuple[float, float, str, str, str]] = {
+_CONSTANTS: dict[str, tuple[float, float, str, str, str]] = {
     "M": (1e-6, 10.0, "kg", _POWER, "is it given in grams?"),
     "m": (1e-6, 1.0, "kg", _POWER, "is it given in grams?"),
     "q": (1e-11, 1e-5, "m/V", _POWER, "is it given in um/V or nm/V?"),
@@ -31,8 +31,8 @@ _PLAUSIBLE: dict[str, tuple[float, float, str, str, str]] = {
     "k_s": (1e4, 1e12, "N/m", "is it given in N/um?", _POWER),
     "g": (9.7, 9.9, "m/s^2", "is it given in another unit?", "is it given in cm/s^2?"),
 }
-# The same of what a rig is made of. Less than an ohm is what power amplifiers have, or kilo-ohms of a generator.
-_USUAL: dict[str, tuple[float, float, str, str, str]] = {
+# The same of facts. Less than an ohm is what power amplifiers have, or kilo-ohms of a generator.
+_FACTS: dict[str, tuple[float, float, str, str, str]] = {
     "ball_radius": (1e-4, 0.1, "m", _POWER, "is it given in mm?"),
     "source_resistance": (1.0, 1e5, "ohm", "is it given in kilo-ohms?", "is it given in milliohms?"),
     "capacity": (1e-10, 1e-3, "F", _POWER, "is it given in uF or nF?"),
@@ -68,24 +68,34 @@ def _same_readings(group: Group, columns: dict[str, FloatArray]) -> bool:
     return all(np.array_equal(getattr(group, name), column) for name, column in columns.items())
 
 
-def _outside(values: object, usual: dict[str, tuple[float, float, str, str, str]]) -> list[str]:
-    """What is asked of values, attributes that may be missing, outside of what is usual."""
-    found = []
-    for name, (low, high, unit, below, above) in usual.items():
-        value = getattr(values, name)
-        if value is not None and not low <= value <= high:
-            found.append(f"{name} = {value:g} {unit} is outside {low:g} to {high:g}; {below if value < low else above}")
-    return found
+def doubt(name: str, value: float) -> tuple[str, str] | None:
+    """What is said of a constant or a fact, SI, outside of what such rigs have, and what is asked; None within."""
+    low, high, _, below, above = (_CONSTANTS | _FACTS)[name]
+    if low <= value <= high:
+        return None
+    return f"{valued(name, value)} is outside {low:g} to {high:g}", below if value < low else above
+
+
+def valued(name: str, value: float) -> str:
+    """A constant or a fact with its value and unit."""
+    constant = "constant " if name in _CONSTANTS else ""
+    return f"{constant}{name} = {value:g} {(_CONSTANTS | _FACTS)[name][2]}"
+
+
+def _outside(values: Constants | Rig, names: Iterable[str]) -> list[str]:
+    """What is asked of values, attributes that may be missing."""
+    given = ((name, value) for name in names if (value := getattr(values, name)) is not None)
+    return ["; ".join(said) for name, value in given if (said := doubt(name, value))]
 
 
 def suspicious_constants(constants: Constants) -> list[str]:
     """One line for each constant outside what such rigs have."""
-    return [f"{DEFINITION}: constant {text}" for text in _outside(constants, _PLAUSIBLE)]
+    return [f"{DEFINITION}: {text}" for text in _outside(constants, _CONSTANTS)]
 
 
 def suspicious_facts(rig: Rig, constants: Constants, groups: Sequence[Group]) -> list[str]:
     """One line for each fact outside what such rigs have, or against another, or against the drive."""
-    found = [*_outside(rig, _USUAL), *_suspicious_ball(rig, constants)]
+    found = [*_outside(rig, _FACTS), *_suspicious_ball(rig, constants)]
     if rig.rated_stroke is None or rig.rated_voltage is None or is_rated_stroke(rig, constants):
         found += _suspicious_stack(rig, constants)
     else:

@@ -146,7 +146,21 @@ def is_rated_stroke(rig: Rig, constants: Constants, factor: float = 1.33) -> boo
     return 1 / factor <= rig.rated_stroke / rig.rated_voltage / constants.q <= factor
 
 
-def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[Belief, ...]:
+@dataclass(frozen=True)
+class Followed(Belief):
+    """What follows of a parameter from facts or constants.
+
+    Parameters
+    ----------
+    facts : tuple of (str, float)
+        Keys of ``[rig]`` or ``[constants]`` and their values, SI.
+    """
+
+    facts: tuple[tuple[str, float], ...] = ()
+    derived: bool = True
+
+
+def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[Followed, ...]:
     """Priors that follow from what a rig is made of.
 
     All have heavy tails: a handbook knows neither the glue nor the film on a face, and a fact may be mistaken.
@@ -162,16 +176,21 @@ def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[B
 
     Returns
     -------
-    tuple of Belief
+    tuple of Followed
     """
     found = []
+
+    def follows(name: str, prior: Tailed, source: str, *keys: str, probability: float | None = None) -> None:
+        facts = tuple((key, getattr(constants if hasattr(constants, key) else rig, key)) for key in keys)
+        found.append(Followed(name, prior, source, probability=probability, facts=facts))
+
     if (stiffness := hertz_stiffness(rig)) is not None:
         why = (
             f"Hertz' contact of a {rig.ball_material} ball of {1e3 * (rig.ball_radius or 0):.3g} mm on"
             f" {rig.face_material}: {stiffness:.3g} N/m at 1 um; half of it, since rough or glued faces have a third,"
             " and a linear contact stands for depths of 0.1 to 1 um"
         )
-        found.append(Belief("k_c", Tailed(LogNormal(0.5 * stiffness, 2.5)), why, derived=True))
+        follows("k_c", Tailed(LogNormal(0.5 * stiffness, 2.5)), why, "ball_radius")
     if rig.source_resistance is not None and rig.capacity is not None:
         lag = rig.source_resistance * rig.capacity
         why = (
@@ -180,19 +199,21 @@ def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[B
         )
         known = Tailed(Normal(lag, math.hypot(0.25 * lag, own_lag)))
         at_work = 0.95 if lag > own_lag else None  # a lag that no reading shows is no more likely to be named
-        found.append(Belief("amplifier_lag_tau", known, why, derived=True, probability=at_work))
+        follows("amplifier_lag_tau", known, why, "source_resistance", "capacity", probability=at_work)
     if rig.rated_voltage is not None:
         why = f"rated voltage of {rig.rated_voltage:g} V, at which the data sheet states the stroke"
         at_work = 0.7 if is_rated_stroke(rig, constants) else None
         known = Tailed(LogNormal(rig.rated_voltage, 1.1))
-        found.append(Belief("anchored_voltage", known, why, derived=True, probability=at_work))
+        follows("anchored_voltage", known, why, "rated_voltage", probability=at_work)
     if rig.layer_thickness is not None:
         # Domain walls answer the field, not the voltage: what is usual of layers of 0.11 mm, by their thickness.
         per_volt = 1.1e-4 / rig.layer_thickness
         why = f"0.006 1/V of layers of 0.11 mm, in the field of layers of {1e3 * rig.layer_thickness:.3g} mm"
         known = Tailed(Normal(6e-3 * per_volt, 4e-3 * per_volt))
-        found += [Belief(name, known, why, derived=True) for name in ("anchored_alpha", "field_d33_alpha")]
+        for name in ("anchored_alpha", "field_d33_alpha"):
+            follows(name, known, why, "layer_thickness")
     why = f"2.5 degrees of a string of {1e3 * constants.l:.3g} mm, for whoever wants contact at every launch"
     known = Tailed(Normal(0.0, math.radians(2.5) * constants.l))
-    found += [Belief(name, known, why, derived=True) for name in ("preload_offset", "session_lean_offset")]
+    for name in ("preload_offset", "session_lean_offset"):
+        follows(name, known, why, "l")
     return tuple(found)

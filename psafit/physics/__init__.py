@@ -13,6 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from psafit.errors import InputError
+from psafit.experiment.plausible import doubt, valued
+from psafit.experiment.rig import Followed
 from psafit.experiment.text import did_you_mean, shown
 from psafit.parameters import Belief, Parameter
 from psafit.physics import (
@@ -173,6 +175,16 @@ def owner(name: str) -> str | None:
     return _OWNERS.get(name)
 
 
+def _refused(belief: Followed, reason: str) -> tuple[str, str]:
+    """What is wrong with facts from which no prior can follow, and the remedy."""
+    for key, value in belief.facts:
+        if said := doubt(key, value):
+            return said
+    facts = " and ".join(valued(key, value) for key, value in belief.facts)
+    what = f"{belief.name} cannot be what follows from {facts}"
+    return what, f"correct the fact or its unit, or leave it out; a prior {reason}"
+
+
 def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[Parameter, ...], tuple[Term, ...]]:
     """The baseline's parameters and some causes, with what is known of their values in the place of usual priors.
 
@@ -195,9 +207,8 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
             found[b.name] = known[b.name].informed(b)
         except ValueError as error:
             what, remedy = f"prior of {b.name} ({b.prior.describe()}) cannot be", f"it {error}"
-            if b.derived:
-                what = f"{b.name} cannot be what follows from the rig: {b.source.partition(';')[0]}"
-                remedy = f"correct the fact or its unit, or leave it out; a prior {error}"
+            if isinstance(b, Followed):
+                what, remedy = _refused(b, str(error))
             raise InputError(what, remedy, file=b.file, line=b.line) from None
         if b.probability is not None and b.name not in own:
             what, remedy = f"{b.name} is of the model itself, which is always at work", "leave its probability out"

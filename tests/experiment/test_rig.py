@@ -15,6 +15,7 @@ from psafit.experiment.rig import Rig, hertz_stiffness
 from psafit.inference.problem import Problem
 from psafit.parameters import LogNormal, Normal, Tailed
 from psafit.physics import TERMS, baseline, informed, terms
+from psafit.prior_check import read
 
 FACTS = """[rig]
 ball_material = "Steel"
@@ -289,11 +290,51 @@ def test_facts_that_follow_to_what_cannot_be_are_refused_where_they_stand(tmp_pa
     text = (place / "experiment.toml").read_text("utf-8")
     experiment = read_experiment(place)
     with pytest.raises(
-        InputError, match=r"amplifier_lag_tau cannot be what follows .*: 50000 ohm into 1.5e-06"
+        InputError,
+        match=r"amplifier_lag_tau cannot be what follows from source_resistance = 50000 ohm and capacity = 1.5e-06 F;",
     ) as found:
         Problem(experiment, experiment.ids)
     assert found.value.file == place / "experiment.toml"
-    assert text.splitlines()[(found.value.line or 0) - 1] == "[rig]"
+    assert text.splitlines()[(found.value.line or 0) - 1] == "source_resistance = 5e4"
+
+
+def faults_of(folder: Path) -> list[str]:
+    """What `psafit check` says of a folder that it refuses, each fault with the text of its line."""
+    with pytest.raises(InputError) as found:
+        read(folder)
+    lines = (folder / "experiment.toml").read_text("utf-8").splitlines()
+    return [f"{lines[(fault.line or 0) - 1]} -> {fault.what}; {fault.remedy}" for fault in found.value.faults]
+
+
+WRONG = {
+    "ball_radius": ("9.4", "9.4 m is outside 0.0001 to 0.1; is it given in mm?"),
+    "capacity": ("0.7", "0.7 F is outside 1e-10 to 0.001; is it given in uF or nF?"),
+    "rated_voltage": ("0.1", "0.1 V is outside 5 to 5000; is it given in kV?"),
+    "layer_thickness": ("0.11", "0.11 m is outside 1e-06 to 0.005; is it given in um or mm?"),
+}
+
+
+@pytest.mark.parametrize("name", ["capacity", "rated_voltage"])
+def test_a_wrong_fact_is_refused_by_its_own_name(tmp_path: Path, name: str) -> None:
+    value, said = WRONG[name]
+    text = re.sub(rf"^{name} = .*", f"{name} = {value}", FACTS, flags=re.MULTILINE)
+    assert faults_of(write(tmp_path, TOML + text)) == [f"{name} = {value} -> {name} = {said}"]
+
+
+def test_a_wrong_string_is_refused_once_and_as_the_constant_that_it_is(tmp_path: Path) -> None:
+    """Two priors follow from it."""
+    folder = write(tmp_path, TOML.replace("l = 0.09", "l = 150") + FACTS)
+    assert faults_of(folder) == ["l = 150 -> constant l = 150 m is outside 0.001 to 10; is it given in mm?"]
+
+
+@pytest.mark.parametrize("layer", ["0.11", "110"])
+def test_all_wrong_facts_are_reported_at_once(tmp_path: Path, layer: str) -> None:
+    """Those beyond hard limits, those from which no prior follows, and those of which none does at all."""
+    wrong = {name: value for name, (value, _) in WRONG.items()} | {"layer_thickness": layer}
+    facts = "".join(f"{name} = {value}\n" for name, value in wrong.items())
+    found = faults_of(write(tmp_path, f"{TOML}[rig]\n{facts}"))
+    assert [line.partition(" -> ")[0] for line in found] == facts.splitlines()
+    assert [line.rpartition("; ")[2] for line in found] == [said.rpartition("; ")[2] for _, said in WRONG.values()]
 
 
 @pytest.mark.parametrize(
