@@ -166,6 +166,7 @@ def test_a_planned_trace_has_times_alone(tmp_path: Path) -> None:
         ("".join(GOOD.splitlines(keepends=True)[:6]), 1, "5 samples below the header; a trace has at least 10"),
         (GOOD.replace("5,0.01\n", "5,\n"), 3, "displacement_um is empty"),
         (GOOD.replace("5,0.01\n", "5,up\n"), 3, "is not a number"),
+        ("time_us,velocity_mm_s\n" + "".join(f"{k},\n" for k in range(64)), 2, "in all 64 rows: the group waits for"),
     ],
 )
 def test_faults_of_a_trace_name_line_and_remedy(tmp_path: Path, text: str, line: int, said: str) -> None:

@@ -34,8 +34,10 @@ _THOUSANDS = re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f]\d{3})+(\.\d*)?", re.ASC
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _IMPORT = "psafit import reads other forms"
 _USUAL = (*CONDITION_COLUMNS, LAUNCH_RANGE.column)
-_HEADER_REMEDY = f"the first line must read {','.join(_USUAL)} (and {LAUNCH_RANGE.sigma_column} if known)"
-_OTHERS = f"; other readings are {listed(o.column for o in OF_LAUNCHES if o is not LAUNCH_RANGE)}"
+_HEADER_REMEDY = (
+    f"the first line must read {','.join(_USUAL)} (and {LAUNCH_RANGE.sigma_column} if known), or in the place of the"
+    f" range, or next to it, {' or '.join(o.column for o in OF_LAUNCHES if o is not LAUNCH_RANGE)}"
+)
 _UNITS = {"frequency_hz": "Hz", "amplitude_v": "V"}
 _UNITS |= {name: o.unit for o in OF_LAUNCHES for name in (o.column, o.sigma_column)}
 _EMPTY = "is empty", "enter the value, or delete the row if nothing was read"
@@ -99,7 +101,7 @@ def read_csv(
             values = dict.fromkeys(names, math.nan)
             row = list(map(str.strip, cells))
             absent = _absent(dict(zip(names, row, strict=True)), blank)
-            if planned and here and not any(row[names.index(name)] for name in here):
+            if here and not any(row[names.index(name)] for name in here):
                 to_come.append(line)
                 absent = here
             for name, column, cell in zip(names, columns, row, strict=True):
@@ -111,8 +113,8 @@ def read_csv(
             for name in filter(_BY_COLUMN.get, names):
                 if values[name] < 0:
                     faults.below.setdefault(name, []).append((line, row[names.index(name)], values))
-    for line in to_come if len(to_come) < n_rows else []:
-        faults.add(next(name for name in names if name in here), *_EMPTY, line)
+    if to_come and not (planned and len(to_come) == n_rows):
+        faults.unread(next(name for name in names if name in here), to_come, n_rows)
     faults.end(n_rows)
     if not n_rows:
         raise InputError("no readings below the header", "add one row a measurement", file=file, line=1)
@@ -269,6 +271,14 @@ class RowFaults:
         if len(found) < self.most:
             found.append(InputError(f"{column} {what}".strip(), remedy, file=self.file, line=line))
 
+    def unread(self, column: str, lines: Sequence[int], n_rows: int) -> None:
+        """Keep rows without any reading; raise at once where there are no others, and nothing else is wrong."""
+        if len(lines) == n_rows > 1 and not self.count:
+            what = f"{column} is empty in all {n_rows} rows: the group waits for its readings"
+            raise InputError(what, "enter them, or leave out its [[group]]", file=self.file, line=lines[0])
+        for line in lines:
+            self.add(column, *_EMPTY, line)
+
     def end(self, n_rows: int) -> None:
         """Raise what was found; a fault that all rows have, once."""
         faults = Faults(self.most)
@@ -387,7 +397,7 @@ def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]
             if what == "unknown column":
                 remedy += f"; {_IMPORT}"
             if what == "missing column" and wrong == [shown("launch_range_um")]:
-                remedy += f"{_OTHERS}; without readings it is a plan, which psafit simulate takes"
+                remedy += "; without readings it is a plan, which psafit simulate takes"
             add(f"{what}{'s' * (len(wrong) > 1)} {listed(wrong[:5])}{', ...' * (len(wrong) > 5)}", remedy)
     for o in OF_LAUNCHES:
         if o.sigma_column in names and o.column not in names and not (planned and o is LAUNCH_RANGE):

@@ -72,8 +72,8 @@ def read_trace(
         found.append((time, reading))
     n_rows = faults.n_rows
     to_come = planned and len(blank) == n_rows
-    for line in () if to_come else blank:
-        faults.add(column, "is empty", "enter the value, or delete the row if nothing was read", line)
+    if not to_come:
+        faults.unread(column, blank, n_rows)
     faults.end(n_rows)
     if n_rows < least_rows:
         what = f"{n_rows} sample{'s' * (n_rows != 1)} below the header; a trace has at least {least_rows}"

@@ -137,6 +137,9 @@ ASKED: dict[str, tuple[Any, str, int | None]] = {
     "volts of heading and row": ("f;amplitude_v;Range\nkHz;Vpp;um\n1;2;3\n", "'amplitude_v' peak to peak or RMS", 1),
     "volts of heading and cell": (HEAD + "1200;40 Vpp;3\n", "'40 Vpp' is peak to peak, and its column zero to peak", 2),
     "no unit": ("Frequency;Vpp;Range (um)\n1200;40;76\n", "'Frequency' gives no unit Frequency=frequency_hz:Hz", 1),
+    "a speed that is no range": (
+        "f (Hz);Vpp;v\n1200;40;76\n", "or as one of launch_speed_mm_s, contact_time_us, peak_force_n", 1
+    ),
     "a unit of another kind": ("f (Hz);Vpp;Range (mm/s)\n1200;40;76\n", "no launch_range_um among Range", 1),
     "mega or milli": ("Frequency (mhz);Vpp;Range (um)\n1;40;76\n", "no frequency_hz among", 1),
     "radians a second": ("f (rad/s);Vpp;Range (um)\n1200;40;76\n", "no frequency_hz among", 1),

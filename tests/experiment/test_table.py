@@ -61,6 +61,22 @@ BAD_CSV: dict[str, tuple[str | bytes, int, str]] = {
         "unknown column 'Amplitude_V'",
     ),
     "repeated column": (HEADER.replace("\n", ",amplitude_v\n"), 1, "repeated column 'amplitude_v'"),
+    "a speed by another name": (
+        "frequency_hz,amplitude_v,speed\n1200,20,0.5\n",
+        1,
+        "unknown column 'speed'; the first line must read frequency_hz,amplitude_v,launch_range_um (and sigma_um if"
+        " known), or in the place of the range, or next to it, launch_speed_mm_s or contact_time_us or peak_force_n;",
+    ),
+    "no reading yet": (
+        "frequency_hz,amplitude_v,launch_speed_mm_s,contact_time_us\n1200,20,,\n1200,10,,\n",
+        2,
+        "launch_speed_mm_s is empty in all 2 rows: the group waits for its readings; enter them",
+    ),
+    "one reading yet": (
+        "frequency_hz,amplitude_v,launch_speed_mm_s\n1200,20,0.5\n1200,10,\n",
+        3,
+        "launch_speed_mm_s is empty; enter the value, or delete the row",
+    ),
     "semicolons": (CSV.replace(",", ";"), 1, "separated by semicolons"),
     "tabs": (CSV.replace(",", "\t"), 1, "separated by tabs"),
     "text": (CSV + "1200,20,fell off\n", 5, "launch_range_um 'fell off' is not a number"),

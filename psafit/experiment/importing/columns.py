@@ -236,8 +236,8 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
     if not chosen.readings:
         near = nearest(chosen.unused, head, "launch_range_um")
         what, remedy = f"no launch_range_um among {known}", f"say {option(near or 'NAME', 'launch_range_um')}"
+        remedy = f"{remedy}, or as one of {listed(name for name in ERROR_OF.values() if name != 'launch_range_um')}"
         if not near:
-            remedy = f"{remedy}, or as one of {listed(ERROR_OF.values())}"
             volts = [c.option for c in chosen.unused if in_volts(c, head)]
             scale = option(volts[0] if volts else "NAME", "launch_speed_mm_s", "5mm/s/V")
             remedy = f"{remedy}; a sensor's volts with their scale, {scale}"
