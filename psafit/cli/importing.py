@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Sequence
 from dataclasses import fields
@@ -39,7 +40,7 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
     "values",
     multiple=True,
     metavar="NAME=VALUE[:UNIT]",
-    help="A constant of the rig, or a condition that was held: M=27:g, amplitude_v=40:Vpp; repeat.",
+    help="A constant of the rig, or what was held: M=27:g, amplitude_v=40:Vpp, bias_v=10, cycles=5; repeat.",
 )
 @click.option("--rig", type=Place("input"), metavar="EXP", help="Take constants, limits and priors of this experiment.")
 @click.option("--volts", type=click.Choice(_VOLTS), help="How volts are counted where no heading says so.")
@@ -220,6 +221,9 @@ def _columns_text(table: Table) -> list[str]:
             f"  {column.column:<{width}} from {headings}, {column.unit or 'unit in each cell'}{volts}{less(column)}"
         )
     lines += [f"  not used: {', '.join(map(repr, table.unused))}"] if table.unused else []
+    for heading, labels in table.labelled:
+        grouped = shlex.quote(f"{heading}=group")
+        lines.append(f"  {heading!r} has {labels} labels; --column {grouped} makes a group of each")
     lines += [f"  not used: {heading!r} is {column}, which psafit cannot use yet" for heading, column in table.not_yet]
     lines += [f"  line {line} left out: {text[:80]}" for line, text in table.left_out[:3]]
     if len(table.left_out) > 3:
@@ -237,7 +241,8 @@ def _columns_text(table: Table) -> list[str]:
         drive = f"drive of {reach(g.drive.table)}" if g.drive.table else g.waveform
         bias = f" on {g.drive.bias_v:.4g} V" if g.drive.bias_v else ""
         at_rest = f" from {g.drive.idle_v:.4g} V" if g.drive.idle_v else ""
-        lines.append(f"  group {g.id}: {drive}{bias}{at_rest}, {read}, {g.file}")
+        lasts = f" for {g.drive.cycles:g} periods" if g.drive.cycles < math.inf else ""
+        lines.append(f"  group {g.id}: {drive}{bias}{at_rest}{lasts}, {read}, {g.file}")
     return lines
 
 
@@ -289,6 +294,7 @@ def _table_result(table: Table) -> dict[str, Any]:
         "header_line": table.header_line,
         "columns": columns,
         "not_used": list(table.unused),
+        "labelled": [{"heading": heading, "labels": labels} for heading, labels in table.labelled],
         "not_yet": [{"heading": heading, "column": column} for heading, column in table.not_yet],
         "left_out": [{"line": line, "text": text} for line, text in table.left_out],
         "groups": [

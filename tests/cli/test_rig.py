@@ -21,6 +21,7 @@ from psafit.diagnose.next_experiment import NextExperiment
 from psafit.errors import InputError
 from psafit.experiment import Constants, Experiment, Group, read_experiment, read_plan, write_experiment
 from psafit.experiment.records import CONDITION_COLUMNS
+from psafit.observables import OBSERVABLES
 from psafit.physics import terms
 from psafit.records import write_json
 from psafit.report.diagnosis.next_experiment import proposals
@@ -55,6 +56,7 @@ def test_a_new_folder_passes_the_check_at_once(tmp_path: Path, monkeypatch, caps
         assert re.search(rf"^{key} = \S+ +# \S", text, flags=re.MULTILINE)
     for column in (*CONDITION_COLUMNS, "launch_range_um", "sigma_um"):
         assert re.search(rf"^#   {column} +\S", text, flags=re.MULTILINE)
+    assert all(o.column in text for o in OBSERVABLES)
     assert max(map(len, text.splitlines())) <= 120
     (folder / "experiment.toml").write_text(text.replace("EXAMPLE, replace: ", ""), "utf-8")
     for table in folder.glob("*.csv"):

@@ -254,6 +254,64 @@ def test_a_bias_and_what_the_drive_rests_at_are_its_own(tmp_path: Path) -> None:
         read_files([tmp_path / "a.csv"], held)
 
 
+def test_phase_and_periods_are_given_for_a_table_or_each(tmp_path: Path) -> None:
+    """A recorded drive has them in it."""
+    files = [write(tmp_path / name, HEAD + "1200;20;76\n") for name in ("a.csv", "b.csv")]
+    held = replace(SINE, values=(("phase_deg", 30.0), ("cycles", (5.0, 3.0))))
+    drives = [g.drive for table in read_files(files, held) for g in table.groups]
+    assert drives == [Drive("sine", phase_deg=30.0, cycles=5.0), Drive("sine", phase_deg=30.0, cycles=3.0)]
+    scope = write(tmp_path / "scope.csv", "Time (us),CH1 (V)\n" + "".join(f"{10 * i},{i}\n" for i in range(12)))
+    with pytest.raises(InputError, match="cycles is given, and no table takes it"):
+        read_files(files[:1], Options(drive_file=scope, values=(("cycles", 5.0),)))
+
+
+LABELLED = [("A", 1200), ("A", 1300), ("B", 1200), ("B", 1300), ("C", 1200), ("C", 1300)]
+
+
+@pytest.mark.parametrize(
+    ("rows", "labelled"),
+    [
+        (LABELLED, (("Messreihe", 3),)),
+        (LABELLED[::2], ()),  # a label for each row
+        (LABELLED[:2], ()),  # one for all of them
+        ([*LABELLED, *LABELLED], ()),  # the same ones again
+    ],
+)
+def test_a_column_of_labels_over_blocks_of_rows_is_proposed_as_groups(
+    rows: list[tuple[str, int]], labelled: tuple[tuple[str, int], ...], tmp_path: Path
+) -> None:
+    text = "Messreihe;f (Hz);Vp;Range (um)\n" + "".join(
+        f"{label};{f};20;{76 + k}\n" for k, (label, f) in enumerate(rows)
+    )
+    file = write(tmp_path / "a.csv", text)
+    (table,) = read_files([file], SINE)
+    assert (table.unused, table.labelled) == (("Messreihe",), labelled)
+    (grouped,) = read_files([file], replace(SINE, columns=(Mapping("Messreihe", "group"),)))
+    assert not grouped.labelled and len(grouped.groups) == len(set(label for label, _ in rows))
+    (ignored,) = read_files([file], replace(SINE, columns=(Mapping("Messreihe", "ignore"),)))
+    assert not ignored.labelled
+
+
+def test_an_import_prints_its_labels_and_proposes_what_new_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The tables that may be there, as comments with which the rig is described, word for word."""
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{label};{f};20;76\n" for label, f in LABELLED)
+    write(Path("a.csv"), f"Day 1;f (Hz);Vp;Range (um)\n{rows}")
+    given = ["--waveform", "sine", "--set", "cycles=5:periods", "--set", "phase_deg=-30", "--out", "rig"]
+    assert run(monkeypatch, "import", "a.csv", *given) == 0
+    printed = capsys.readouterr().out
+    assert "\n  'Day 1' has 3 labels; --column 'Day 1=group' makes a group of each\n" in printed
+    assert "group 1: sine for 5 periods, 6 readings" in printed
+    assert run(monkeypatch, "new", "begun") == 0
+    written, begun = (Path(folder, "experiment.toml").read_text("utf-8") for folder in ("rig", "begun"))
+    for table in ("rig", "limits"):
+        (block,) = (part for part in begun.split("\n\n") if f"# [{table}]\n" in part)
+        assert f"\n\n{block}\n\n" in written
+    assert "cycles = 5\n" in written and "phase_deg = -30\n" in written
+
+
 def test_a_bias_is_in_a_recorded_drive(tmp_path: Path) -> None:
     scope = write(tmp_path / "scope.csv", "Time (us),CH1 (V)\n" + "".join(f"{10 * i},{i}\n" for i in range(12)))
     said = Options(drive_file=scope)
@@ -397,6 +455,8 @@ def test_constants_that_nobody_gave_are_left_to_be_filled_in(
         (["--set", "M=3:V"], "'V' is no unit of M; give it in kg"),
         (["--set", "M=1,5"], "'1,5' is no number"),
         (["--set", "M=1e9"], "beyond the limits"),
+        (["--set", "cycles=0"], "beyond the limits 0.001 to 1e+09 periods"),
+        (["--set", "cycles=5:ms"], "'ms' is no unit of cycles; give it in periods"),
         (["--set", "M=1", "--set", "M=1"], "gives M twice"),
         (["--set", "amplitude_v=20"], "amplitude_v is given, and column 'Upp [V]' holds it"),
         (["--encoding", "klingon"], "unknown encoding 'klingon'"),

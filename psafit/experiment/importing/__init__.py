@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import fields, replace
 from functools import partial
+from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
 from typing import TypeVar
@@ -19,10 +20,10 @@ import numpy as np
 from psafit.drives import NAMES, TABLE
 from psafit.errors import Faults, InputError
 from psafit.experiment.drive_table import RECORDED
-from psafit.experiment.importing.chosen import HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
+from psafit.experiment.importing.chosen import HELD, SETTINGS, SHAPES, VOLTAGE, WAVEFORM, Chosen, option
 from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.folder import Imported, write_import
-from psafit.experiment.importing.grid import Grid, grids
+from psafit.experiment.importing.grid import Grid, Row, grids
 from psafit.experiment.importing.layout import Head, body, find_head, names
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
 from psafit.experiment.importing.recorded import recorded
@@ -34,7 +35,7 @@ from psafit.experiment.table import CellFault, readings_of
 from psafit.experiment.text import did_you_mean, listed, shown
 from psafit.files import read_bytes
 
-SETTABLE = (*HELD, *SETTINGS)
+SETTABLE = (*HELD, *SETTINGS, *SHAPES)
 """What may be given for a whole table."""
 COLUMN_NAMES = (*COLUMNS, WAVEFORM, GROUPS, IGNORED)
 """What `--column` may call a column."""
@@ -285,10 +286,24 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
         columns=tuple(columns),
         examples=tuple(shown_rows),
         unused=tuple(c.option for c in chosen.unused if c.heading.text),
+        labelled=tuple(_labelled(chosen, rows.rows)),
         not_yet=tuple((c.option, c.column) for c in chosen.not_yet),
         left_out=(*rows.left_out, *early),
         groups=tuple(groups),
     )
+
+
+def _labelled(chosen: Chosen, rows: Sequence[Row], least: int = 2) -> Iterator[tuple[str, int]]:
+    """Columns that are not used and hold a label for each block of rows, so many on average, and their labels' number.
+
+    None where the rows are in groups by a column, or are samples.
+    """
+    for column in () if chosen.traced or chosen.of(GROUPS) else chosen.unused:
+        labels = [row.texts[column.place] if column.place < len(row.texts) else "" for row in rows]
+        blocks = [label for label, _ in groupby(labels)]
+        in_blocks = len(blocks) == len(set(blocks)) > 1 and all(blocks) and least * len(blocks) <= len(labels)
+        if in_blocks and column.heading.text and not column.mapped:
+            yield column.option, len(blocks)
 
 
 def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options) -> str:
@@ -319,7 +334,7 @@ def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options)
 def _columns(chosen: Chosen, options: Options, zeros: dict[str, float]) -> list[Understood]:
     """How psafit's columns came from those of the file, in psafit's order."""
     held = [*chosen.held(options), *chosen.settings(options)]
-    columns = [Understood(name, (), COLUMNS[name].unit, 1.0) for name in held]
+    columns = [Understood(name, (), SHAPES.get(name) or COLUMNS[name].unit, 1.0) for name in held]
     named = (
         (n, tuple(c.option for c in chosen.columns if any(a.column == n for a in c.at))) for n in CONDITION_COLUMNS
     )
@@ -330,7 +345,7 @@ def _columns(chosen: Chosen, options: Options, zeros: dict[str, float]) -> list[
         factor = float(next(iter(units.values())) or 1) if len(units) == 1 else 1.0
         zero = zeros.get(name, 0.0)
         columns.append(Understood(name, tuple(c.option for c in same), ", ".join(units), factor, same[0].volts, zero))
-    order = list(COLUMNS)
+    order = [*COLUMNS, *SHAPES]
     return sorted(columns, key=lambda c: order.index(c.column))
 
 

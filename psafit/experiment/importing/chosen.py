@@ -26,6 +26,8 @@ HELD = (*CONDITION_COLUMNS, *ERROR_OF)
 IDLE = "idle_v"
 SETTINGS = ("bias_v", IDLE)
 """Voltages of a group's drive: what is added to its command, and what it rests at."""
+SHAPES = {"phase_deg": "deg", "cycles": "periods"}
+"""What else there may be of a periodic drive, and its unit; it stands in no column."""
 VOLTAGE = RECORDED[1]
 """The column of a recorded drive."""
 EXAMPLES = {"frequency_hz": ("kHz", "1.2"), "amplitude_v": ("Vpp", "40")}
@@ -97,8 +99,8 @@ class Chosen:
         return bool(self.of(VOLTAGE)) or (options.drive is not None and options.drive.recorded)
 
     def settings(self, options: Options) -> dict[str, float]:
-        """Voltages of the drive that were held; a recorded one has its bias in it."""
-        takes = (IDLE,) if self.recorded(options) else SETTINGS
+        """Voltages, phase and length of the drive that were held; a recorded one has all but the first in it."""
+        takes = (IDLE,) if self.recorded(options) else (*SETTINGS, *SHAPES)
         return {name: options.held[name] for name in takes if name in options.held and not self.of(name)}
 
     def of(self, column: str) -> list[Column]:

@@ -85,7 +85,8 @@ def write_import(imported: Imported, folder: Path) -> None:
         parts.append(
             f"# {f.name} =   # {comment}\n" if value is None else f"{f.name} = {number_text(value)} # {comment}\n"
         )
-    parts += [rig_text(imported.rig), limits_text(imported.limits), beliefs_text(imported.beliefs)]
+    parts += [rig_text(imported.rig) or _optional("rig"), limits_text(imported.limits) or _optional("limits")]
+    parts.append(beliefs_text(imported.beliefs))
     for table in imported.tables:
         parts.append(f"\n# {one_line(table.place)}: {one_line('; '.join(map(_column_text, table.columns)))}\n")
         for group in table.groups:
@@ -111,5 +112,13 @@ def less(column: Understood) -> str:
 
 def _descriptions() -> dict[str, str]:
     """What the example of `psafit new` says of each constant."""
-    text = files("psafit").joinpath("templates", DEFINITION).read_text("utf-8")
-    return dict(re.findall(r"^(\w+) = \S+\s+# (.*)$", text.partition("[constants]")[2], flags=re.MULTILINE))
+    return dict(re.findall(r"^(\w+) = \S+\s+# (.*)$", _example().partition("[constants]")[2], flags=re.MULTILINE))
+
+
+def _optional(table: str) -> str:
+    """The lines of comments with which that example proposes a table."""
+    return next(f"\n{part}\n" for part in _example().split("\n\n") if f"\n# [{table}]\n" in part)
+
+
+def _example() -> str:
+    return files("psafit").joinpath("templates", DEFINITION).read_text("utf-8")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from psafit.drives import TABLE, Drive
 from psafit.errors import InputError
+from psafit.experiment.drive_table import SETTING_LIMITS
 from psafit.experiment.importing.quantities import Volts
 from psafit.experiment.importing.units import Unit
 from psafit.experiment.records import Group
@@ -43,7 +44,7 @@ class Options:
     columns : tuple of Mapping
     values : tuple of (str, float or tuple of float)
         Conditions that were held: psafit's column, and its value in the unit of that; or one for each table. Others are
-        `bias_v` and `idle_v` of the drive.
+        `bias_v`, `idle_v`, `phase_deg` and `cycles` of the drive.
     counted : tuple of {"peak", "pp", "rms"}
         How the volts of an amplitude that was held are counted; one, or one for each table. Empty for zero to peak.
     waveforms : tuple of str
@@ -105,9 +106,10 @@ class Options:
         return {name: value for name, value in self.values if not isinstance(value, tuple)}
 
     def drive_of(self, waveform: str, settings: dict[str, float]) -> Drive:
-        """The drive of a waveform; `settings` are its voltages that are known, `bias_v` and `idle_v`."""
+        """The drive of a waveform; `settings` are those of its keys that are known."""
         drive = Drive(waveform) if self.drive is None or waveform != TABLE else self.drive
-        return replace(drive, bias_v=settings.get("bias_v", drive.bias_v), idle_v=settings.get("idle_v", drive.idle_v))
+        keys = {name: settings.get(name, getattr(drive, name)) for name in SETTING_LIMITS}
+        return replace(drive, **keys)
 
     def of_table(self, number: int, n_tables: int) -> Options:
         """The options of one of several tables, counted from 0.
@@ -183,6 +185,8 @@ class Table:
         The first rows.
     unused : tuple of str
         Headings that were left out, since they are none of psafit's or were to be ignored.
+    labelled : tuple of (str, int)
+        Those of them that hold a label for each block of rows, and how many labels.
     not_yet : tuple of (str, str)
         Headings that were recognised as a quantity that psafit cannot use, and that quantity.
     left_out : tuple of (int, str)
@@ -200,6 +204,7 @@ class Table:
     columns: tuple[Understood, ...]
     examples: tuple[Example, ...]
     unused: tuple[str, ...]
+    labelled: tuple[tuple[str, int], ...]
     not_yet: tuple[tuple[str, str], ...]
     left_out: tuple[tuple[int, str], ...]
     groups: tuple[Group, ...] = field(repr=False)
