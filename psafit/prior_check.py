@@ -5,7 +5,8 @@ adequate, or calls for causes. Draws of the baseline's prior are simulated at th
 :math:`r_g` be the median of :math:`\ln(\mathrm{reading}/\mathrm{prediction})` in a group. Readings are suspicious where
 nearly all draws lie on one side of zero, and a group where nearly all say that it is off the middle group by more than
 a factor of thirty, whatever the rig is. Of two groups that are off each other, the one whose own readings are
-suspicious.
+suspicious. What another warning explains is left out: groups of which the constants or the conditions are suspicious
+already.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from psafit.arrays import FloatArray
 from psafit.errors import Faults
 from psafit.experiment import Experiment, Group, read_experiment
 from psafit.experiment.definition import Definition
+from psafit.experiment.plausible import contradicted, suspicious_conditions, suspicious_constants
 from psafit.experiment.text import one_line
 from psafit.observables import OBSERVABLES, Observable
 from psafit.physics import informed
@@ -75,11 +77,19 @@ def with_scale(experiment: Experiment, settings: ScaleSettings | None = None) ->
     Experiment
     """
     found = []
+    groups = [g for g in experiment.groups if not _is_explained(experiment, g)]
     for observable in OBSERVABLES:
-        parts = (p for g in experiment.groups for p in g.parts if p.observable is observable)
+        parts = (p for g in groups for p in g.parts if p.observable is observable)
         if moving := tuple(filter(None, map(_moving, parts))):
             found += _off_scale(experiment, moving, observable, settings or ScaleSettings())
     return replace(experiment, warnings=(*experiment.warnings, *map(one_line, found))) if found else experiment
+
+
+def _is_explained(experiment: Experiment, group: Group) -> bool:
+    """Whether the scale of a group's readings hangs on what is suspicious itself."""
+    constants = group.rig(experiment.constants)
+    facts = contradicted(experiment.rig, constants) if experiment.rig else []
+    return bool(facts or suspicious_constants(constants) or suspicious_conditions(group))
 
 
 def _off_scale(
@@ -111,7 +121,7 @@ def _off_scale(
         if alone.all():
             found.append(
                 f"{read} lie {way} those of {100 * nearly_all:.0f} % of the rigs that the prior holds; are they"
-                f" given in {other}, or is a constant wrong?"
+                f" given in {other}, are columns swapped, or is a constant wrong?"
             )
             continue
         for group, apart, odd in zip(moving, off, alone, strict=True):

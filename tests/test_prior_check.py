@@ -10,6 +10,7 @@ import pytest
 
 from psafit.drives import Drive
 from psafit.experiment import Experiment, Group, GroupId, read_experiment
+from psafit.experiment.rig import Rig
 from psafit.inference.problem import Problem
 from psafit.prior_check import with_scale
 
@@ -31,6 +32,34 @@ def test_the_study_has_the_scale_of_its_rigs() -> None:
 def test_all_readings_in_another_unit(factor: float, words: str) -> None:
     (warning,) = with_scale(scaled(STUDY, factor)).warnings
     assert "98 % of the rigs that the prior holds" in warning and words in warning
+
+
+def test_swapped_columns_may_be_the_cause() -> None:
+    (warning,) = with_scale(scaled(STUDY, 1e3)).warnings
+    assert "are columns swapped" in warning
+
+
+SUSPICIOUS = {
+    "kHz": lambda e: replace(e, groups=tuple(replace(g, frequency_hz=g.frequency_hz / 1e3) for g in e.groups)),
+    "kV": lambda e: replace(e, groups=tuple(replace(g, amplitude_v=g.amplitude_v / 1e3) for g in e.groups)),
+    "a stiffness in N/um": lambda e: replace(e, constants=replace(e.constants, k_s=e.constants.k_s / 1e6)),
+    "a mass in g": lambda e: replace(e, constants=replace(e.constants, M=e.constants.M * 1e3)),
+    "a radius": lambda e: replace(e, rig=Rig(ball_radius=9.4)),
+}
+
+
+@pytest.mark.parametrize("what", SUSPICIOUS)
+def test_what_another_warning_explains_is_not_blamed_on_the_readings(what: str) -> None:
+    """The readings are off the scale of these rigs, too."""
+    assert with_scale(SUSPICIOUS[what](scaled(STUDY, 1e3))).warnings == ()
+
+
+def test_a_group_whose_conditions_are_suspicious_leaves_the_others() -> None:
+    first, *others = STUDY.groups
+    odd = replace(STUDY, groups=(replace(first, frequency_hz=first.frequency_hz / 1e3), *others))
+    assert with_scale(odd).warnings == ()
+    (warning,) = with_scale(scaled(odd, 1e3, [3])).warnings
+    assert "group 3: launch ranges lie above the other" in warning
 
 
 @pytest.mark.parametrize("group", STUDY.ids)

@@ -95,6 +95,12 @@ def suspicious_constants(constants: Constants) -> list[str]:
 
 def suspicious_facts(rig: Rig, constants: Constants, groups: Sequence[Group]) -> list[str]:
     """One line for each fact outside what such rigs have, or against another, or against the drive."""
+    found = [*contradicted(rig, constants), *_suspicious_rating(rig, groups)]
+    return [f"{DEFINITION}: [rig] {text}" for text in found]
+
+
+def contradicted(rig: Rig, constants: Constants) -> list[str]:
+    """What is asked of facts outside what such rigs have, or against a constant."""
     found = [*_outside(rig, _FACTS), *_suspicious_ball(rig, constants)]
     if rig.rated_stroke is None or rig.rated_voltage is None or is_rated_stroke(rig, constants):
         found += _suspicious_stack(rig, constants)
@@ -103,8 +109,7 @@ def suspicious_facts(rig: Rig, constants: Constants, groups: Sequence[Group]) ->
             f"rated_stroke over rated_voltage is {rig.rated_stroke / rig.rated_voltage:.3g} m/V, constant"
             f" q = {constants.q:g} m/V; they should be the same"
         )
-    found += _suspicious_rating(rig, groups)
-    return [f"{DEFINITION}: [rig] {text}" for text in found]
+    return found
 
 
 def _suspicious_rating(
@@ -231,20 +236,41 @@ def _suspicious_stack(rig: Rig, constants: Constants, strain: float = 1e-3, fact
 
 def suspicious_readings(group: Group, constants: Constants | None) -> list[str]:
     """Name columns whose scale points to another unit than the column's; a rig may not be known yet."""
-    found = []
-    f_max = float(group.frequency_hz.max())
-    if f_max <= 50:  # below this a stack hardly moves the ball, and kHz values end here
-        found.append(f"every frequency is at or below 50 Hz (greatest {f_max:g}); given in kHz?")
-    if f_max > 1e6:
-        found.append(f"frequencies reach {f_max:g} Hz, above 1 MHz; given in mHz?")
     v_max = float(group.amplitude_v.max())
-    if not group.drive.recorded:
-        found += _suspicious_volts(v_max)
-    found += _suspicious_recording(group, v_max)
+    found = [*suspicious_conditions(group), *_suspicious_recording(group, v_max)]
     for part in group.parts:
         found += _suspicious_part(part, constants, v_max)
     found += [*_suspicious_pairs(group, constants), *_copied_rows(group)]
     return [one_line(f"{group.file}: group {group.id}: {text}") for text in found]
+
+
+def suspicious_conditions(group: Group, least: int = 5) -> list[str]:
+    """What is asked of the columns of a group's conditions: another unit, or swapped with each other or a reading.
+
+    Parameters
+    ----------
+    group : Group
+    least : int
+        Readings at fewer conditions, rounded as instruments do, may all be equal.
+    """
+    f_max, v_max = float(group.frequency_hz.max()), float(group.amplitude_v.max())
+    hertz, volts = _suspicious_hertz(f_max), [] if group.drive.recorded else _suspicious_volts(v_max)
+    if hertz and volts and not _suspicious_hertz(v_max) and not _suspicious_volts(f_max):
+        return [f"frequencies end at {f_max:g} Hz, and amplitudes reach {v_max:g} V; are their columns swapped?"]
+    found = [*hertz, *volts]
+    for part in () if group.time_us is not None else group.parts:
+        n_conditions = np.unique(part.conditions, axis=0).shape[0]
+        if n_conditions >= least and part.reading[0] and not np.ptp(part.reading):
+            every = f"every {part.observable.title} is {part.reading[0]:g} {part.observable.unit}"
+            found.append(f"{every} at {n_conditions} conditions; are columns swapped?")
+    return found
+
+
+def _suspicious_hertz(f_max: float) -> list[str]:
+    """What the greatest frequency says."""
+    if f_max <= 50:  # below this a stack hardly moves the ball, and kHz values end here
+        return [f"every frequency is at or below 50 Hz (greatest {f_max:g}); given in kHz?"]
+    return [f"frequencies reach {f_max:g} Hz, above 1 MHz; given in mHz?"] if f_max > 1e6 else []
 
 
 def _unreached(drive: Drive, volts: FloatArray, v_max: float, reach: float = 0.8) -> list[str]:

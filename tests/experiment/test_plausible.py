@@ -47,6 +47,25 @@ def test_readings_in_another_unit_are_named(tmp_path: Path, words: str) -> None:
     assert warnings[0].isprintable()
 
 
+SWEEP = [(f, 20 + k, 76 - k) for k, f in enumerate((1200, 1300, 1400, 1500, 1600))]
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ([(v, f, r) for f, v, r in SWEEP], "frequencies end at 24 Hz, and amplitudes reach 1600 V; are their columns"),
+        ([(f, r, 20) for f, _, r in SWEEP], "every launch range is 20 um at 5 conditions; are columns swapped?"),
+        ([(f, r, 20) for f, _, r in SWEEP[:4]], ""),  # of fewer all may be equal
+        ([(f, r, 0) for f, _, r in SWEEP], "every launch range is zero"),
+        ([(f / 1e3, v, r) for f, v, r in SWEEP], "given in kHz?"),
+    ],
+)
+def test_swapped_columns_are_asked_about(rows: list[tuple[float, float, float]], said: str, tmp_path: Path) -> None:
+    csv = HEADER + "".join(f"{f},{v},{r}\n" for f, v, r in rows)
+    warnings = read_experiment(write(tmp_path, a=csv)).warnings
+    assert [said in w for w in warnings] == [True] * bool(said)
+
+
 def test_sigma_in_another_unit_is_named(tmp_path: Path) -> None:
     csv = SIGMA + "1200,20,76,400\n3000,20,34,400\n"
     warnings = read_experiment(write(tmp_path, a=csv)).warnings
