@@ -142,16 +142,15 @@ def _suspicious_rating(
             )
     reached = {group.id: _volts(group) for group in groups}
     highest = max(reached, key=lambda id: max(map(abs, reached[id])))
-    lowest = min(reached, key=lambda id: reached[id][0])
     volts = max(map(abs, reached[highest]))
     if volts > rig.rated_voltage:
         found.append(
             f"rated_voltage = {rig.rated_voltage:g} V is below the drive of group {highest}, which reaches"
             f" {volts:g} V; is one of them wrong?"
         )
-    elif reached[lowest][0] < -reverse * rig.rated_voltage:
-        found.append(_reversed(next(g for g in groups if g.id == lowest), reached[lowest][0], rig.rated_voltage))
-    return found
+        return found
+    below = (g for g in groups if reached[g.id][0] < -reverse * rig.rated_voltage)
+    return found + [_reversed(g, reached[g.id][0], rig.rated_voltage) for g in below]
 
 
 def _reversed(group: Group, volts: float, rated: float) -> str:
