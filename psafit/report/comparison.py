@@ -199,7 +199,8 @@ def _tiles(found: Comparison) -> list[dict[str, str]]:
 def _summary(pictured: Sequence[_Shown], found: Comparison) -> Picture:
     rows = [
         figures.Row(
-            figures.row_name(g.pair.group, g.sweep),
+            g.pair.group,
+            g.sweep.condition,
             [
                 figures.Mark(e, color, "s" if dashed else "o", hollow=dashed)
                 for e, (color, dashed) in zip(g.pair.log_rmse, _LOOKS, strict=True)

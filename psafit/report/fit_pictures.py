@@ -99,7 +99,8 @@ def factor_rows(shown: Sequence[Shown]) -> list[figures.Row]:
     """Each group's error, marked by its role."""
     return [
         figures.Row(
-            figures.row_name(g.score.group, g.sweep),
+            g.score.group,
+            g.sweep.condition,
             [figures.Mark(g.score.log_rmse, ROLE_COLOR[g.score.role], ROLE_MARKER[g.score.role])],
         )
         for g in shown

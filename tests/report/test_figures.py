@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from fits_by_hand import make_group, make_predictions, make_run, sweep_groups
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from psafit.experiment import Conditions, Experiment, Group
 from psafit.report import figures, fit
@@ -119,6 +120,29 @@ def test_a_line_breaks_where_nothing_is_launched():
     assert np.isnan(line.get_ydata()).tolist() == [False, False, True, True]
     (mark,) = (x for x in axes.lines if x.get_marker() == "v")
     assert mark.get_xdata().tolist() == [300.0, 400.0] and np.all(mark.get_ydata() == axes.get_ylim()[0])
+
+
+def test_rows_of_the_first_picture_differ_where_the_groups_do():
+    """What all groups share stands in the title, and no name loses what distinguishes it."""
+    held = ["40 V", "90 V", "1.5 kHz"]
+    rows = [
+        figures.Row(k, f"unipolar sine (bias 2 V, 5 periods), {one}", [figures.Mark(0.1, "blue")])
+        for k, one in enumerate(held, start=1)
+    ]
+    names, shared = figures.row_names(rows)
+    assert names == ["1: 40 V", "2: 90 V", "3: 1.5 kHz"] and shared == "unipolar sine (bias 2 V, 5 periods)"
+    other = figures.Row("lens", "sine, 40 V", rows[0].marks)
+    names, shared = figures.row_names([*rows, other])
+    assert [name[-4:] for name in names] == ["40 V", "90 V", " kHz", "40 V"] and shared == ""
+    assert len({*names}) == 4 and all(len(name) <= 30 for name in names)
+    assert figures.row_names(rows[:1]) == (["1: unipolar sin…periods), 40 V"], "")
+    same = [figures.Row(k, "sine, 2 kHz", rows[0].marks) for k in (1, 2)]
+    assert figures.row_names(same) == (["1", "2"], "sine, 2 kHz")
+    group = sweep_groups()[1]
+    example = figures.Example("", "ink", group, figures.sweep_of(group), [])
+    figure = figures.summary_figure(rows, [example], figures.handles([]))
+    texts = [t.get_text() for t in figure.findobj(Text)]
+    assert "All groups: unipolar sine (bias 2 V, 5 periods)" in texts
 
 
 def test_zeros_are_in_every_legend():

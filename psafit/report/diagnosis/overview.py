@@ -59,7 +59,8 @@ def factor_rows(shown: Sequence[Shown]) -> list[figures.Row]:
     """Each group's error by both models."""
     return [
         figures.Row(
-            figures.row_name(g.group.id, g.sweep),
+            g.group.id,
+            g.sweep.condition,
             [
                 figures.Mark(e, c.color, "s" if c.dashed else "o", hollow=c.dashed)
                 for c, e in zip(g.curves, g.errors, strict=True)

@@ -32,7 +32,7 @@ from psafit.report.figures.posterior import (
     marginal_figure,
     trace_figure,
 )
-from psafit.report.figures.summary import Example, Mark, Row, draw_factors, row_name, summary_figure
+from psafit.report.figures.summary import Example, Mark, Row, draw_factors, row_names, summary_figure
 from psafit.report.figures.sweep import Sweep, sweep_of
 
 __all__ = [
@@ -60,7 +60,7 @@ __all__ = [
     "range_label",
     "residual_figure",
     "residual_view",
-    "row_name",
+    "row_names",
     "summary_figure",
     "sweep_of",
     "trace_figure",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -42,9 +43,10 @@ class Mark:
 
 @dataclass(frozen=True)
 class Row:
-    """A group's line in the picture; several marks are what it goes through, in this order."""
+    """A group's line in the picture: what it holds, and several marks for what it goes through, in this order."""
 
-    name: str
+    group: object
+    condition: str
     marks: Sequence[Mark]
 
 
@@ -76,7 +78,10 @@ def draw_factors(axes: Axes, rows: Sequence[Row]) -> None:
             textcoords="offset points", va="center", fontsize=9.5, color=PALETTE["ink"],
         )  # fmt: skip
     axes.yaxis.set_major_locator(FixedLocator(list(places)))
-    axes.yaxis.set_major_formatter(FixedFormatter([label(r.name, 30) for r in rows]))
+    names, shared = row_names(rows)
+    axes.yaxis.set_major_formatter(FixedFormatter(list(map(label, names))))
+    if shared:
+        axes.set_title(label(f"All groups: {shared}", 80), fontsize=10, fontweight="normal")
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
     room = 1.22 if all(len(r.marks) == 1 for r in rows) else 1.85
@@ -91,9 +96,16 @@ def draw_factors(axes: Axes, rows: Sequence[Row]) -> None:
     above.xaxis.set_minor_locator(NullLocator())
 
 
-def row_name(group_id: object, sweep: Sweep) -> str:
-    """A group in a list of rows."""
-    return f"{short(group_id)}: {sweep.condition}"
+def row_names(rows: Sequence[Row], room: int = 30) -> tuple[list[str], str]:
+    """Names that differ where the rows do, in so many characters, and the conditions that all rows share."""
+    parts = [re.split(r", (?![^(]*\))", r.condition) for r in rows]
+    shared = [p for p in parts[0] if all(p in one for one in parts)] if len(rows) > 1 else []
+    names = []
+    for row, own in zip(rows, parts, strict=True):
+        held = ", ".join(p for p in own if p not in shared)
+        group = short(row.group)
+        names.append(f"{group}: {short(held, room - len(group) - 2)}" if held else group)
+    return names, ", ".join(shared)
 
 
 def summary_figure(rows: Sequence[Row], examples: Sequence[Example], legend: Sequence[Artist]) -> Figure:
@@ -107,7 +119,7 @@ def summary_figure(rows: Sequence[Row], examples: Sequence[Example], legend: Seq
     legend : sequence of artists
     """
     with figure_style():
-        upper, lower = 0.95 + 0.24 * len(rows), 2.85
+        upper, lower = 0.95 + 0.24 * (len(rows) + bool(rows and row_names(rows)[1])), 2.85
         figure = Figure(figsize=(WIDTH + 0.2, (upper if rows else 0.0) + lower), layout="constrained")
         below: Any = figure
         if rows:  # neither sets the other's margins
