@@ -32,6 +32,7 @@ from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.room import Room, room
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.verdict import Verdict
+from psafit.diagnose.words import NO_ACTION
 from psafit.experiment import GroupId
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
@@ -114,13 +115,17 @@ def screening_of(
     visible = {s.term.id: s.visible for s in given_best}
     adopted, found = () if verdict.verdict == "adequate" else model_set.best_model.ids, []
     bounds = verdict.verdict != "unexplained"  # a model that is wrong bounds nothing
+    measured = model_set.baseline.problem.design.measured
+    ranges = any(OBSERVABLES[k] is LAUNCH_RANGE for k in np.unique(measured))
     for s in screened:
         s = replace(s, visible=visible.get(s.term.id, s.visible))
-        left = room(model_set, adopted, s.term, seed=seed) if bounds and s.term.id not in adopted else None
+        acts = ranges or not s.term.after_launch
+        asked = acts and bounds and s.term.id not in adopted
+        left = room(model_set, adopted, s.term, seed=seed) if asked else None
         found.append(
             ScreeningResult(
                 s.term.id,
-                word_for(s, model_set, verdict, left),
+                word_for(s, model_set, verdict, left) if acts else NO_ACTION,
                 float(s.gain[s.best]), model_set.gain((s.term.id,)), s.chance, s.log_bayes,
                 float(s.strength[s.best]), s.term.strength.unit, s.visible, verdict.inclusion.get(s.term.id, 0.0),
                 plausible(s.term)[0],

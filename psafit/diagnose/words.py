@@ -7,6 +7,9 @@ from collections.abc import Iterable, Sequence
 from psafit.experiment import GroupId
 from psafit.text import fixed, percent, significant
 
+NO_ACTION = "does not act on what was read"
+"""What is said of a cause that changes launch ranges alone, where no launch range was read."""
+
 
 class Words:
     """Plain text: causes by their identifiers."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from truths import FEW, experiment, narrow, problem
 
@@ -14,8 +15,10 @@ from psafit.diagnose.record import NEAREST, NEXT_BEST, NOT_EXCLUDED, UNSEEN
 from psafit.diagnose.results import cause_result, misfit_of, screening_of, word_for
 from psafit.diagnose.room import Room
 from psafit.diagnose.screening import VISIBLE, screen
+from psafit.diagnose.words import NO_ACTION
 from psafit.inference.sample import sample
 from psafit.model_search import search_models
+from psafit.observables import LAUNCH_RANGE, LAUNCH_SPEED, OBSERVABLES
 from psafit.parameters import Belief, Normal
 from psafit.physics import terms
 
@@ -54,6 +57,21 @@ def test_a_model_that_explains_nothing_bounds_no_cause(hidden):
     assert all(s.room is None and s.left is None for s in verdicts["unexplained"])
     assert not any(s.verdict == "not present" for s in verdicts["unexplained"])
     assert any(s.verdict == NOT_EXCLUDED for s in verdicts["unexplained"])
+
+
+@pytest.mark.parametrize(("read", "acts"), [((LAUNCH_SPEED,), False), ((LAUNCH_RANGE, LAUNCH_SPEED), True)])
+def test_what_changes_ranges_alone_does_not_act_on_speeds(hidden, read, acts):
+    """It is not said that it could not have been seen, and it is left no change of a reading."""
+    said = SimpleNamespace(verdict="adequate", named=(), alternatives=(), inclusion={})
+    design = SimpleNamespace(measured=np.array([OBSERVABLES.index(o) for o in read]))
+    models = SimpleNamespace(
+        baseline=SimpleNamespace(problem=SimpleNamespace(design=design)), candidates=[], gain=lambda ids: 0.0
+    )
+    screened = [replace(s, visible=0.0) for s in screen(hidden.baseline, FEW)]
+    found = {s.id: s for s in screening_of(screened, [], models, said, 1)}
+    assert (found["flight_friction"].verdict != NO_ACTION) == acts
+    assert found["flight_friction"].room is None
+    assert found["amplifier_lag"].verdict == UNSEEN
 
 
 @pytest.mark.slow

@@ -17,8 +17,9 @@ from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.explanations import Explanation
 from psafit.diagnose.gain import Choice
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, Purpose
-from psafit.diagnose.record import Confusion, Diagnosis, MisfitResult, ModelShown
+from psafit.diagnose.record import NOT_EXCLUDED, Confusion, Diagnosis, MisfitResult, ModelShown
 from psafit.diagnose.significance import Significance
+from psafit.diagnose.words import NO_ACTION
 from psafit.experiment import Experiment, Group, fingerprint
 from psafit.model_search.model_set import LookedAt
 from psafit.parameters import Belief, LogNormal, Normal, Tailed
@@ -281,6 +282,22 @@ def test_only_what_was_looked_at_is_said_to_do_less_well(undrawn, tmp_path):
     few = replace(alone, left_out=["gap"])
     text = " ".join(build(few, experiment, tmp_path / "few").text.split())
     assert "no other set of these causes does as well" in text and "No other set of these causes does as well." in text
+
+
+def test_no_share_is_printed_of_a_cause_that_is_not_needed(undrawn, tmp_path):
+    """It counts with the model without it; that is no evidence against it."""
+    experiment = make_experiment("a rig")
+    record = make_record(experiment)
+    named, gap, drag = record.screening
+    found = [named, gap, replace(gap, id="preload", verdict=NOT_EXCLUDED, inclusion=0.0)]
+    found += [replace(gap, id="adhesion", verdict=NOT_EXCLUDED), replace(drag, verdict=NO_ACTION, inclusion=0.0)]
+    shares = [" ".join(row[-1].split()) for row in causes.screening_rows(found)]
+    assert shares == ["64 %", "33 %", "–", "33 %", "–"]
+    page = build(replace(record, screening=found), experiment, tmp_path)
+    assert "1 does not act on what was read: drag on the swing" in page.first_screen
+    assert "could not have been seen" not in page.first_screen
+    assert "it changes launch ranges alone, and none was read" in page.text
+    assert "a cause that adds less than 3 nats counts with the model without it" in page.text
 
 
 def test_how_alternatives_were_judged() -> None:

@@ -29,7 +29,7 @@ from psafit.diagnose.answer.statement import Statement, Topic
 from psafit.diagnose.answer.worth import Drafted, Gained, Next, NoGain, purpose_text
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import UNSEEN, CauseResult, Diagnosis, ParameterResult
-from psafit.diagnose.words import PLAIN
+from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.inference import noise
 from psafit.physics import owner
 
@@ -184,12 +184,13 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
     terms = d.named if adopted is d.misfit.extended else []
     if adopted.furthest:
         yield Furthest(terms, adopted.furthest, len(adopted.odd_points), _tails(d, terms))
-    if unseen := [s.id for s in d.screening if s.verdict == UNSEEN]:
-        yield Unseen(unseen, len(d.screening))
+    unseen, idle = ([s.id for s in d.screening if s.verdict == word] for word in (UNSEEN, NO_ACTION))
+    if unseen or idle:
+        yield Unseen(unseen, idle, len(d.screening))
     left = {s.id: s.room for s in d.screening if s.room is not None}
     if left and d.verdict != "unexplained":  # given a model that is wrong it bounds nothing
         widest = max(left, key=lambda id: left[id])
-        yield Room(d.named, widest, left[widest], len(left), len({s.id for s in d.screening} - {*d.named}))
+        yield Room(d.named, widest, left[widest], len(left), len({s.id for s in d.screening} - {*d.named, *idle}))
 
 
 def _tails(d: Diagnosis, terms: list[str]) -> tuple[float, float] | None:

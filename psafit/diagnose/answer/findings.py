@@ -352,17 +352,23 @@ class Furthest(Statement):
 
 @dataclass(frozen=True)
 class Unseen(Statement):
-    """Causes of which even a plausible strength would not show."""
+    """Causes of which even a plausible strength would not show, and those that act on nothing that was read."""
 
     topic = "wrong"
     causes: list[str]
+    idle: list[str]
     of: int
 
     def say(self, words: Words) -> str:
-        return words.put(
-            "Of {} candidate cause{}, {} could not have been seen in these readings: {}.",
-            self.of, "" if self.of == 1 else "s", len(self.causes), words.joined(", ", map(words.cause, self.causes)),
+        acts = "does not act" if len(self.idle) == 1 else "do not act"
+        each = (
+            words.put("{} {}: {}", len(ids), what, words.joined(", ", map(words.cause, ids)))
+            for ids, what in (
+                (self.causes, "could not have been seen in these readings"), (self.idle, f"{acts} on what was read"),
+            )
+            if ids
         )  # fmt: skip
+        return words.put("Of {} candidate cause{}, {}.", self.of, "" if self.of == 1 else "s", words.joined("; ", each))
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from psafit.diagnose.record import (
     Evidence,
     ScreeningResult,
 )
+from psafit.diagnose.words import NO_ACTION
 from psafit.inference.evidence import TRUSTED
 from psafit.report.catalogue import TITLES, cause, model, parameter
 from psafit.report.diagnosis import words
@@ -46,6 +47,7 @@ _SCREENED: Final = {
     "not present": "good",
     NOT_EXCLUDED: "warn",
     UNSEEN: "warn",
+    NO_ACTION: "",
 }
 
 _VERDICT_COLOR: Final = {
@@ -57,6 +59,7 @@ _VERDICT_COLOR: Final = {
     "not present": PALETTE["grey"],
     NOT_EXCLUDED: PALETTE["sky"],
     UNSEEN: PALETTE["sky"],
+    NO_ACTION: PALETTE["faint"],
 }
 
 _HATCH: Final = {UNSEEN: "////", "as good": "....", NEXT_BEST: "...."}
@@ -75,6 +78,7 @@ def content(result: Diagnosis, shown: Sequence[Shown], pictured: Sequence[Shown]
         "robustness": robustness(result, best),
         "screening_pictures": screening_pictures(result.screening, TITLES, result.named),
         "screening": screening_rows(result.screening),
+        "idle": any(s.verdict == NO_ACTION for s in result.screening),
         "alternatives": alternatives(result),
         "confounded": confounded(result.confusion.alike),
     }
@@ -220,10 +224,19 @@ def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
             else number(known(s.visible)),
             "–" if s.left is None else number(s.left),
             "–" if s.room is None else f"{significant(s.room, 2, per_cent=True)}{NBSP}%",
-            "–" if s.verdict == UNSEEN else words.share(s.inclusion),
+            words.share(included(s)),
         ]
         for s in screening
     ]
+
+
+def included(s: ScreeningResult) -> float:
+    """Probability that it is part of the truth; nan where the readings say nothing of that.
+
+    What was not needed counts with the model without it: unless it is excluded, its own share of nothing is none.
+    """
+    unknown = s.verdict in (UNSEEN, NO_ACTION) or (s.verdict == NOT_EXCLUDED and s.inclusion == 0.0)
+    return math.nan if unknown else s.inclusion
 
 
 def screening_pictures(
@@ -243,7 +256,7 @@ def screening_pictures(
         return []
     names = [titles.get(s.id, s.id) for s in screening]
     present = [name for name, s in zip(names, screening, strict=True) if s.verdict in ("present", NEAREST)]
-    shares = [np.nan if s.verdict == UNSEEN else s.inclusion for s in screening]
+    shares = [included(s) for s in screening]
     gains = _bars(names, [s.refit_gain for s in screening], screening, named, "Gain, refitted (nats)", _nats, None)
     inclusion = _bars(names, shares, screening, named, "Inclusion probability", share, (0.0, 1.0))
     return [
@@ -258,8 +271,8 @@ def screening_pictures(
             "Inclusion probability of each cause over all models: above one half for"
             f" {', '.join(present) if present else 'none'}.",
             "Summed over all models that contain the cause. A cause may gain much alone and yet not be needed with"
-            " another one; one whose evidence is less than 3 nats counts with the model without it. A dash: could not"
-            " have been seen, so that nothing is known.",
+            " another one; one whose evidence is less than 3 nats counts with the model without it. A dash: not"
+            " needed, or not to be seen; these readings do not say whether it is at work.",
         ),
     ]
 
