@@ -196,11 +196,14 @@ def test_how_often_chance_finds_as_much() -> None:
         return ByChance(replace(Significance(9.2, [-1.0, 2.4], 1 / 3), **options)).say(PLAIN)
 
     assert said() == (
-        "Of 2 searches on simulated baselines none led by more than 2.4 nats; this one leads by 9 (p <= 0.33)."
+        "None of 2 searches on simulated baselines led by as much: 2.4 nats at most, against 9 here"
+        " (p <= 0.33, the least that 2 can show)."
     )
-    assert "none put a model with causes first; this one leads by 9" in said(null=[-1.0, -2.4])
-    where = "designs of 56 to 150 readings with nothing hidden (stored table, this catalogue)"
-    assert f"Of 2 searches on {where} none led" in said(stored=True, readings=[56, 150])
+    assert "led by as much: none put a cause first, against 9 here" in said(null=[-1.0, -2.4])
+    where = "with nothing hidden (stored table, this catalogue, designs of 56 to 150 readings)"
+    assert f"None of 2 searches {where} led" in said(stored=True, readings=[56, 150])
+    beaten = "1 of 2 searches on simulated baselines led by as much: 2.4 nats at most, against 2 here (p = 0.67)."
+    assert said(lead=2.0, p_value=2 / 3) == beaten
     unknown = said(null=[], p_value=None, stored=True, missing="catalogue")
     assert "is not known: the stored table is of another catalogue (--searches 19" in unknown
 

@@ -328,6 +328,7 @@ def test_where_the_p_value_of_a_search_comes_from(tmp_path, undrawn):
     for k, (search, said) in enumerate(
         (
             (repeated, "repeated on 2 sets of readings simulated from the fitted baseline."),
+            (repeated, "by at most 2.4 nats in the simulated ones: p ≤ 0.33, the least that 2 can show."),
             (
                 stored,
                 "2 whole searches, with the same catalogue, on designs of 56 to 150 readings with nothing hidden.",

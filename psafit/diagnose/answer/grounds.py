@@ -83,17 +83,19 @@ class ByChance(Statement):
                 missing,
             )
         n, most = len(s.null), max(s.null)
-        none = (
-            f"none led by more than {fixed(math.ceil(10 * most) / 10, 1)} nats"
-            if most > 0
-            else "none put a model with causes first"
-        )
-        where = "simulated baselines"
+        as_much = sum(lead >= s.lead for lead in s.null)
+        most_text = f"{fixed(math.ceil(10 * most) / 10, 1)} nats at most" if most > 0 else "none put a cause first"
+        where = "on simulated baselines"
         if s.stored:
             sizes = " to ".join(map(str, s.readings))
-            where = f"designs of {sizes} readings with nothing hidden (stored table, this catalogue)"
-        p = f"p {'<=' if s.p_value <= 1 / (n + 1) else '='} {significant(s.p_value, 2)}"
-        return words.put("Of {} searches on {} {}; this one leads by {} ({}).", n, where, none, fixed(s.lead), p)
+            where = f"with nothing hidden (stored table, this catalogue, designs of {sizes} readings)"
+        p = f"p {'=' if as_much else '<='} {significant(s.p_value, 2)}"
+        if not as_much:
+            p += f", the least that {n} can show"
+        return words.put(
+            "{} of {} search{} {} led by as much: {}, against {} here ({}).",
+            as_much or "None", n, "" if n == 1 else "es", where, most_text, fixed(s.lead), p,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -83,11 +83,12 @@ def search(found: Significance | None) -> dict[str, Any] | None:
     p, n = found.p_value, len(found.null)
     if p is None:
         return {"n": 0, "missing": OTHERWISE[found.missing] if found.missing else ""}
+    least = p <= 1 / (n + 1)
     return {
         "n": n,
         "lead": words.nats(found.lead),
         "most": words.nats(max(found.null)),
-        "p": f"{'≤' if p <= 1 / (n + 1) else '='} {significant(p, 2)}",
+        "p": f"{'≤' if least else '='} {significant(p, 2)}" + (f", the least that {n} can show" if least else ""),
         "readings": " to ".join(str(m) for m in found.readings) if found.stored else "",
     }
 
