@@ -46,8 +46,9 @@ def counted(done: float, total: float | None, note: str) -> str:
     return note if total is None or total <= 1 else f"{done:.0f} of {total:.0f} {note}"
 
 
-def _left(seconds: float | None) -> str:
-    return "" if seconds is None else f"about {duration(seconds)} left in all"
+def _left(seconds: float | None, what: str = "in all") -> str:
+    """What is left; nothing where that is not known, or an estimate has run out."""
+    return "" if seconds is None or round(seconds) < 1 else f"about {duration(seconds)} left {what}"
 
 
 class _Bars(Silent):
@@ -100,12 +101,11 @@ class _Lines(Silent):
         self._last = done
         if now - self._said > 10:
             self._said = now
-            state = counted(done, total, note)
+            this = None
             if total is not None and done > self._first[0]:
-                pace = (now - self._first[1]) / (done - self._first[0])
-                state += f"; about {duration(pace * (total - done))} left of this"
-            if self._whole is not None:
-                state += f", {_left(self._whole)}" if "left of this" in state else f"; {_left(self._whole)}"
+                this = (now - self._first[1]) / (done - self._first[0]) * (total - done)
+            left = ", ".join(filter(None, (_left(this, "of this"), _left(self._whole))))
+            state = "; ".join(filter(None, (counted(done, total, note), left)))
             print(f"[{now - self._begun:5.1f} s]   {state}", file=sys.stderr, flush=True)
 
 

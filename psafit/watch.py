@@ -91,7 +91,7 @@ class DiagnosisState:
     note : str
         What is counted.
     models : int
-        Fitted so far, and kept.
+        Sets of causes that were fitted so far; of a finished one, on all readings.
     seconds : float, optional
         Spent so far, interruptions left out.
     whole_left : float, optional, s
@@ -155,15 +155,15 @@ def look(
 
 
 def _diagnosis(folder: Path, under_way: Progress | None) -> DiagnosisState:
-    models = sum(1 for _ in (folder / "steps").glob("fit-*.npz"))
+    models = sum(1 for _ in (folder / "steps").glob("short-*.npz"))
     if under_way is None and (folder / RESULT).exists():
         record = read_json(folder / RESULT, Diagnosis, sealed=True, remedy="run psafit diagnose again")
-        return DiagnosisState("done", models=models, seconds=sum(record.seconds.values()), headline=record.headline)
+        fitted, spent = record.looked_at.fitted, sum(record.seconds.values())
+        return DiagnosisState("done", models=fitted, seconds=spent, headline=record.headline)
     if under_way is None:
         return DiagnosisState("", models=models)
     p = under_way
-    spent = sum(p.seconds.values())
-    return DiagnosisState(p.stage, p.done, p.total, p.note, models, spent, p.left, p.written)
+    return DiagnosisState(p.stage, p.done, p.total, p.note, models, sum(p.seconds.values()), p.left, p.written)
 
 
 def _seen(folder: Path, before: State | None, running: bool, values: int) -> State:

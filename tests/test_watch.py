@@ -145,7 +145,8 @@ def test_a_diagnosis_is_watched(diagnosis: tuple[Path, Experiment], tmp_path: Pa
     file = tmp_path / "w.json"
     assert run(monkeypatch, "watch", diagnosis[0], "--json", file) == 0
     assert capsys.readouterr().out.startswith("done; verdict: ambiguous: hysteresis, or gap + slew_limit")
-    assert json.loads(file.read_text())["stage"] == "done"
+    state = json.loads(file.read_text())
+    assert (state["stage"], state["models"]) == ("done", 164)
     folder = tmp_path / "run"
     (folder / "steps").mkdir(parents=True)
     assert run(monkeypatch, "watch", folder, "--once") == 0
@@ -153,7 +154,7 @@ def test_a_diagnosis_is_watched(diagnosis: tuple[Path, Experiment], tmp_path: Pa
         "interrupted: nothing works in this folder now; repeat the psafit diagnose"
     )
     plan = {"causes": 1.0, "tests": 0.5, "significance": 3.0}
-    (folder / "steps" / "fit-ab.npz").write_bytes(b"")
+    (folder / "steps" / "short-ab.npz").write_bytes(b"")
     shutil.copy(diagnosis[0] / "diagnosis.json", folder)  # of an earlier answer
     with (
         locked(folder),

@@ -388,7 +388,8 @@ def search(
         near = [m for m in shown if known.comes_near(m, highest)]
         left = [m for m in near if not m.sampled or not known.complete(m, highest)]
         name = " + ".join(best_model.ids) or "the baseline"
-        progress(f"{name} leads; {len(models)} models fitted", len(near) - len(left), len(near))
+        checked = "likely models checked; " if len(near) > 1 else ""
+        progress(f"{checked}{name} leads; {len(models)} models fitted", len(near) - len(left), len(near))
         sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
         if sure and len(best_model.ids) == 1 and (pairs := known.pairs(known.showing())) and not passes(best_model):
             known.carry_up(pairs)
