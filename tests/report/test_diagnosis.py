@@ -8,6 +8,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from diagnoses_by_hand import CONSTANTS, build, growth, make_experiment, make_record
 from reader import HOSTILE, Reader
@@ -19,13 +20,14 @@ from psafit.diagnose.gain import Choice
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, Purpose
 from psafit.diagnose.record import NOT_EXCLUDED, Confusion, Diagnosis, MisfitResult, ModelShown
 from psafit.diagnose.significance import Significance
-from psafit.diagnose.words import NO_ACTION
+from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.experiment import Experiment, Group, fingerprint
 from psafit.model_search.model_set import LookedAt
+from psafit.observables import LAUNCH_SPEED, OBSERVABLES
 from psafit.parameters import Belief, LogNormal, Normal, Tailed
 from psafit.records import plain, read_json, write_json
 from psafit.report.catalogue import model
-from psafit.report.diagnosis import causes, gain, misfit, overview, shown
+from psafit.report.diagnosis import causes, gain, misfit, next_experiment, overview, shown
 from psafit.report.diagnosis.answer import PAGE
 
 NOT_A_NUMBER = re.compile(r"\b(nan|inf|None)\b(?! proposed)")
@@ -455,7 +457,9 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
     weak = replace(best, separation=0.05, error=0.02, success=None, pairs=[])
     record = replace(record, next_experiment=NextExperiment.of([weak], Purpose("narrow", parameter="k_c")))
     text = build(record, experiment, tmp_path).first_screen
-    assert "would show much more: the best, sine, 20 V, determines kc, narrower by 5 %. More" in text
+    assert (
+        "would show much more: the best, sine, 20 V, determines kc (contact stiffness), narrower by 5 %. More" in text
+    )
 
 
 def test_what_is_left_is_to_be_measured_again(undrawn, tmp_path):
@@ -479,6 +483,38 @@ def test_what_is_left_is_to_be_measured_again(undrawn, tmp_path):
     assert "look at the drive" not in section  # that it follows the amplitude is excluded
     # A record without the new key is one of before.
     assert "explanations" not in plain(Purpose("narrow", parameter="k_c"))
+
+
+def test_a_proposal_names_its_drive_and_whose_motion_is_read(undrawn, tmp_path):
+    """The burst and the bias belong to it; a velocity is the ball's."""
+    first = make_record(make_experiment()).next_experiment.proposals[0]
+    burst = replace(first, waveform="unipolar_sine", drive={"cycles": 5.0, "bias_v": 2.0})
+    trace = replace(burst, observable="velocity", time_us=[1.0, 340.0], frequency_hz=[5e3], amplitude_v=[90.0])
+    table = replace(first, waveform="table", drive={"drive": "level.csv"}, observable="contact_time")
+    tip = replace(trace, observable="tip_displacement", drive={})
+    shown = next_experiment.proposals(NextExperiment.of([burst, trace, table, tip], Purpose("narrow", parameter="c_s")))
+    assert [" ".join(row[0].split()) for row in shown["rows"]] == [
+        "unipolar sine (bias 2 V, 5 periods), 2 readings",
+        "unipolar sine (bias 2 V, 5 periods), 2 samples over 340 µs of the ball's velocity".replace("'", "&#39;"),
+        "table level.csv, 2 readings of the contact time",
+        "unipolar sine, 2 samples over 340 µs of the tip displacement",
+    ]
+    assert purpose_text(Purpose("narrow", parameter="c_s"), PLAIN) == "determines c_s (structural damping of the stack)"
+    assert purpose_text(Purpose("narrow", parameter="of_a_plugin"), PLAIN) == "determines of_a_plugin"
+
+
+def test_provenance_names_the_tables_that_hold_something(undrawn, tmp_path):
+    """Where launch speeds alone are read, the table of ranges has nothing but its heading."""
+    speeds, experiment = OBSERVABLES.index(LAUNCH_SPEED), make_experiment()
+    fast = [replace(g, measured=np.full(g.n_points, speeds, np.int8)) for g in experiment.groups]
+    for groups, tables in (
+        (experiment.groups, "predictions-diagnosis.csv"),
+        (fast, "predictions-diagnosis-launch_speed.csv"),
+        ([*experiment.groups[:2], fast[2]], "predictions-diagnosis.csv, predictions-diagnosis-launch_speed.csv"),
+    ):
+        record = replace(make_record(experiment), gain={})
+        text = build(record, replace(experiment, groups=tuple(groups)), tmp_path).text
+        assert f"Predictions of the adopted model{tables} Fingerprint" in " ".join(text.split())
 
 
 def test_no_gain_is_reported_where_no_cause_was_named(undrawn, tmp_path):

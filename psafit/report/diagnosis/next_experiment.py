@@ -11,6 +11,7 @@ from psafit.diagnose.answer import purpose_text
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, Rehearsal
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.trials import Calibration, Rate
+from psafit.drives import Drive
 from psafit.experiment import CONSTANT_UNITS
 from psafit.observables import OBSERVABLES
 from psafit.report.catalogue import model
@@ -42,7 +43,7 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
         ]
         rows.append(
             [
-                Markup("{}, {}{}").format(p.waveform, _readings(p), _read_as(p)),
+                Markup("{}, {}{}").format(_drive(p), _readings(p), _read_as(p)),
                 words.span(p.frequency_hz, "Hz"),
                 words.span(p.amplitude_v, "V"),
                 listed(changed) if changed else "as it is",
@@ -62,6 +63,13 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
+def _drive(proposal: Proposal) -> str:
+    """The drive as groups are labelled, or the table of its voltage."""
+    if "drive" in proposal.drive:
+        return f"table {proposal.drive['drive']}"
+    return Drive.with_settings(proposal.waveform, proposal.drive).label
+
+
 def _readings(proposal: Proposal) -> str:
     """How many they are, of launches or along a trace."""
     if proposal.time_us is None:
@@ -72,7 +80,10 @@ def _readings(proposal: Proposal) -> str:
 def _read_as(proposal: Proposal) -> str:
     """The observable of the readings, where it is not the one read so far."""
     named = next((o for o in OBSERVABLES if o.name == proposal.observable), None)
-    return f" of the {named.title}" if named else ""
+    if named is None:
+        return ""
+    whose = "the ball's" if named.traced and not named.tip else "the"
+    return f" of {whose} {named.title}"
 
 
 def _left_tied(pairs: Sequence[Pair], hardly: float = 3.0) -> Markup | str:

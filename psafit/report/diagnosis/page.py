@@ -12,12 +12,13 @@ from psafit.diagnose.words import PLAIN
 from psafit.experiment import Experiment
 from psafit.inference.run_folder import load
 from psafit.numerics import audit
+from psafit.observables import OBSERVABLES
 from psafit.report.diagnosis import answer, causes, gain, misfit, next_experiment, overview, remaining, words
 from psafit.report.diagnosis.shown import shown_groups
 from psafit.report.fit import numerics_content, write_report
 from psafit.report.page import render, worst
 from psafit.report.wording import NBSP, offsets, percent
-from psafit.validate import validate
+from psafit.validate import table_name, validate
 
 
 def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> Path:
@@ -75,6 +76,12 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     return render("diagnosis.html.j2", folder / PAGE, **content)
 
 
+def _tables(result: Diagnosis, experiment: Experiment) -> list[str]:
+    """The tables of predictions that hold something: one for each observable that was read."""
+    read = {o for g in experiment.select(result.groups) for o in g.observables}
+    return [table_name(Path(result.predictions).stem, o) for o in OBSERVABLES if o in read]
+
+
 def _facts(result: Diagnosis, experiment: Experiment) -> list[list[Any]]:
     facts: list[list[Any]] = [
         ["Data", result.title],
@@ -83,7 +90,7 @@ def _facts(result: Diagnosis, experiment: Experiment) -> list[list[Any]]:
         ["Training groups of the strict protocol", words.group_ids(result.training)],
         ["Seed", str(result.seed)],
         ["Kind of run", "quick: the verdict alone" if result.quick else "full"],
-        ["Predictions of the adopted model", result.predictions],
+        ["Predictions of the adopted model", ", ".join(_tables(result, experiment))],
         ["Fingerprint of the data (SHA-256)", result.fingerprint],
         ["Versions", ", ".join(f"{name} {version}" for name, version in result.versions.items())],
         ["Time taken", ", ".join(f"{name} {s:.1f}{NBSP}s" for name, s in result.seconds.items()) or "–"],
