@@ -18,7 +18,7 @@ from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.explanations import Explanation
 from psafit.diagnose.gain import Choice
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, Purpose
-from psafit.diagnose.record import NOT_EXCLUDED, Confusion, Diagnosis, MisfitResult, ModelShown
+from psafit.diagnose.record import NOT_EXCLUDED, UNSEEN, Confusion, Diagnosis, MisfitResult, ModelShown
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.experiment import Experiment, Group, fingerprint
@@ -369,6 +369,33 @@ def test_priors_that_follow_are_not_those_that_are_stated(tmp_path):
     followed = f"amplifier_lag_tau: {lag.describe()}; at work: 0.95 (50 ohm into 1.5 uF)"
     assert re.search(r"Priors that follow from \[rig\]\s*" + re.escape(followed), text)
     assert re.search(r"Priors that the experiment states\s*k_c: log-normal, median 4e\+06, factor 1.5", text)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
+    """Of causes that the readings neither show nor exclude; what is stated comes before what follows."""
+    experiment = make_experiment()
+    record = make_record(experiment)
+    record = replace(
+        record,
+        screening=[
+            replace(record.screening[-1], id=id, verdict=verdict)
+            for id, verdict in (
+                ("amplifier_lag", UNSEEN), ("anchored_stroke", NOT_EXCLUDED), ("gap", "not present"),
+                ("preload", UNSEEN),
+            )
+        ],
+    )  # fmt: skip
+    wide = Tailed(Normal(0.0, 1.0))
+    known = {"amplifier_lag_tau": 0.95, "anchored_voltage": 0.7, "gap_width": 0.9, "preload_offset": 0.9}
+    follow = [Belief(name, wide, "it follows", derived=True, probability=p) for name, p in known.items()]
+    doubted = Belief("preload_offset", wide, "looked at", probability=0.1)
+    page = build(record, replace(experiment, beliefs=(*follow, doubted)), tmp_path)
+    assert (
+        "At work by what is known of the rig: lagging amplifier (95 %, by [rig]), stroke rises to the data sheet's,"
+        " with its loop (70 %, by [rig]); these readings do not add to that." in " ".join(page.first_screen.split())
+    )
+    assert "At work by" not in build(record, experiment, tmp_path).first_screen
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -6,11 +6,12 @@ causes, groups and numbers from `psafit.diagnose.words.Words`: the record's plai
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 from psafit.diagnose.answer.findings import (
     WORTH_SAYING,
+    AtWork,
     BreaksLaw,
     Furthest,
     Implausible,
@@ -28,12 +29,14 @@ from psafit.diagnose.answer.grounds import ByChance, Calibrated, LivesOn, OneGro
 from psafit.diagnose.answer.statement import Statement, Topic
 from psafit.diagnose.answer.worth import Drafted, Gained, Next, NoGain, purpose_text
 from psafit.diagnose.misfit import ALPHA
-from psafit.diagnose.record import UNSEEN, CauseResult, Diagnosis, ParameterResult
+from psafit.diagnose.record import NOT_EXCLUDED, UNSEEN, CauseResult, Diagnosis, ParameterResult
 from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.inference import noise
+from psafit.parameters import Belief
 from psafit.physics import owner
 
 __all__ = [
+    "AtWork",
     "BreaksLaw",
     "ByChance",
     "Calibrated",
@@ -66,17 +69,19 @@ __all__ = [
 _TAILS = noise.PARAMETERS[-1]
 
 
-def answer(d: Diagnosis) -> tuple[Statement, ...]:
+def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...]:
     """Return what a diagnosis says, in the order in which it is reported.
 
     Parameters
     ----------
     d : Diagnosis
+    beliefs : sequence of Belief
+        What the experiment states, or what follows from its rig.
 
     Returns
     -------
     tuple of Statement
-        Chosen from the record's numbers alone.
+        Chosen from numbers alone.
     """
     found: list[Statement] = []
     if d.left_out:
@@ -85,7 +90,7 @@ def answer(d: Diagnosis) -> tuple[Statement, ...]:
     tests = d.misfit.baseline
     if d.misfit.p_value < ALPHA and tests.character != "none":
         found.append(Kind(tests.character, tests.odd_groups, len(tests.odd_points), tests.statistics))
-    found += [*_values(d), *map(BreaksLaw, d.laws), *_unseen(d), *_robust(d)]
+    found += [*_values(d), *map(BreaksLaw, d.laws), *_unseen(d), *_at_work(d, beliefs), *_robust(d)]
     if d.influence and (carried := [c for c in d.influence.causes if c.half]):
         found.append(LivesOn(carried, len(d.influence.tail)))
     if d.misfit.search:
@@ -191,6 +196,18 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
     if left and d.verdict != "unexplained":  # given a model that is wrong it bounds nothing
         widest = max(left, key=lambda id: left[id])
         yield Room(d.named, widest, left[widest], len(left), len({s.id for s in d.screening} - {*d.named, *idle}))
+
+
+def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> Iterator[Statement]:
+    """The causes that the experiment holds for `likely`, or more, and of which the readings say nothing."""
+    found = []
+    for s in d.screening:
+        odds = [(not b.derived, b.probability) for b in beliefs if owner(b.name) == s.id and b.probability is not None]
+        stated, probability = max(odds, default=(False, 0.0))  # what is stated comes first
+        if probability > likely and s.verdict in (UNSEEN, NO_ACTION, NOT_EXCLUDED):
+            found.append((s.id, "[prior]" if stated else "[rig]", probability))
+    if found:
+        yield AtWork(found)
 
 
 def _tails(d: Diagnosis, terms: list[str]) -> tuple[float, float] | None:

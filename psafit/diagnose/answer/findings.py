@@ -372,6 +372,20 @@ class Unseen(Statement):
 
 
 @dataclass(frozen=True)
+class AtWork(Statement):
+    """Causes that are likely before any reading, by which table of the experiment, and how probable they are."""
+
+    topic = "wrong"
+    causes: list[tuple[str, str, float]]
+
+    def say(self, words: Words) -> str:
+        each = (words.put("{} ({}, by {})", words.cause(c), words.per_cent(p), by) for c, by, p in self.causes)
+        return words.put(
+            "At work by what is known of the rig: {}; these readings do not add to that.", words.joined(", ", each)
+        )
+
+
+@dataclass(frozen=True)
 class Room(Statement):
     """The largest change of a reading that the readings leave a cause added to what is adopted (95 %).
 

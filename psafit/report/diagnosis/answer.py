@@ -13,6 +13,7 @@ from psafit.diagnose.answer import Judged, Statement, Topic, answer, kept
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
+from psafit.parameters import Belief
 from psafit.report.catalogue import TITLES, model, symbol
 from psafit.report.diagnosis import words
 from psafit.report.diagnosis.shown import Shown
@@ -100,10 +101,10 @@ class Paragraph:
     points: tuple[Markup, ...] = ()
 
 
-def first_screen(result: Diagnosis, together: int = 2) -> list[Paragraph]:
+def first_screen(result: Diagnosis, beliefs: Sequence[Belief] = (), together: int = 2) -> list[Paragraph]:
     """The answer, a paragraph a question; sentences beyond so many `together` are listed below."""
     found: dict[str, list[Statement]] = {}
-    for statement in answer(result):
+    for statement in answer(result, beliefs):
         found.setdefault(statement.topic, []).append(statement)
     readings = sum(len(model.predicted_um) for name, model in result.show.items() if name == "baseline")
     examined = Markup("<strong>Examined:</strong> {} of {}, against the baseline and {}.").format(

@@ -47,7 +47,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     content = {
         "title": f"Diagnosis: {result.title}",
         "verdict": {"text": result.verdict, "kind": answer.kind(result)},
-        "sentences": answer.first_screen(result),
+        "sentences": answer.first_screen(result, experiment.beliefs),
         "own_sentences": result.sentences,
         "searched": Searched(result.looked_at, result.settings.search.missed).say(PLAIN),
         "no_alternative": causes.no_alternative(result),
