@@ -185,7 +185,8 @@ def test_a_proposed_trace_becomes_a_plan(
     file.write_text(file.read_text("utf-8").replace(",\n", ",0.5\n"), "utf-8")
     read = read_experiment(tmp_path / "next").group(new.id)
     assert read.observable.name == "velocity" and read.reading.tolist() == [0.5] * 12
-    assert proposals(found)["rows"][0][0] == "sine, 12 samples over 120\N{NO-BREAK SPACE}µs of the velocity"
+    (first, *_), *_ = proposals(found)["rows"]
+    assert first.unescape() == "sine, 12 samples over 120\N{NO-BREAK SPACE}µs of the ball's velocity"
 
 
 def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
