@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,6 +33,7 @@ from psafit.text import fixed
 
 if TYPE_CHECKING:
     from psafit.diagnose.record import CauseResult, Diagnosis
+    from psafit.parameters import Belief
 
 
 @click.command(cls=Command, short_help="Say what the simulation gets wrong, and name the cause.")
@@ -148,7 +149,7 @@ def diagnose(
     write_result(json_file, result)
     try:
         if not quiet:
-            say_diagnosis(result)
+            say_diagnosis(result, data.beliefs)
     finally:
         # The answer need not wait for its pictures, nor they for somebody who reads it.
         if not no_report:
@@ -160,13 +161,13 @@ def diagnose(
     return DONE if result.numerics.converged else CHECK_FAILED
 
 
-def say_diagnosis(result: Diagnosis) -> None:
-    """Print a diagnosis."""
+def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = ()) -> None:
+    """Print a diagnosis; the beliefs are what the experiment states, or what follows from its rig."""
     from psafit.diagnose.answer import Sizes, answer
     from psafit.diagnose.words import PLAIN
 
     click.echo(result.headline)
-    for statement in answer(result):
+    for statement in answer(result, beliefs):
         if not isinstance(statement, Sizes):  # they stand in the table
             click.echo(f"  {statement.say(PLAIN)}")
     given_named = result.mostly_unnamed or result.verdict == "unexplained"
