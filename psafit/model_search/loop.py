@@ -29,8 +29,9 @@ Two causes may show together and neither alone. Where no cause shows, and yet th
 catalogue are fitted from known optima, too.
 
 A cause may hold all the others at values from which no way leads to the truth. So where the tests fail by what leads in
-the end, the next best models that show, and have no more causes, get all their neighbours like the best, one after
-another. (Without, a single cause of 55 nats hid three of 164.)
+the end, and it has no more causes than fits find from the prior, the next best models that show, and have no more
+causes than it, get all their neighbours like the best, one after another. (Without, a single cause of 55 nats hid
+three of 164.)
 
 (Occam's window: D. Madigan and A. E. Raftery, J. Am. Stat. Assoc. 89 (1994) 1535; best-first over neighbours: C. Hans,
 A. Dobra and M. West, J. Am. Stat. Assoc. 102 (2007) 507.)
@@ -299,6 +300,8 @@ class _Known(Generic[Content]):
 
     def widen(self, best: Model[Content]) -> bool:
         """Fit all neighbours of the next model that shows and has no more causes; False where no more get theirs."""
+        if len(best.ids) > self.settings.from_prior:
+            return False
         others = [m for m in self.models.values() if m is not best and len(m.ids) <= len(best.ids) and self.shows(m)]
         left = [m for m in others if m.ids and m.ids not in self.widened]
         if not left or len(self.widened) >= self.settings.widened:

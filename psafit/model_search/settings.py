@@ -29,7 +29,8 @@ class SearchSettings(SampleSettings):
         Causes that a set may have more than the best, on a way up without one of those that the best has. Such ways are
         gone where the best has more than `from_prior`.
     widened : int
-        Models besides the best that get all their neighbours at most, where the tests of misfit fail by the best.
+        Models besides the best that get all their neighbours at most, where the tests of misfit fail by the best, and
+        that has no more causes than `from_prior`.
     most_causes : int
         Causes of a model.
     short_draws, short_starts : int
