@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 from truths import experiment, problem, rig_with_two_modes
 
 from psafit.errors import ConvergenceError
-from psafit.inference.candidate import candidate_at, candidate_of, fit, separate_modes
+from psafit.inference.candidate import FitSettings, candidate_at, candidate_of, fit, separate_modes
 from psafit.inference.evidence import (
     Emulated,
     ImportanceSample,
@@ -130,7 +130,7 @@ def test_two_modes_get_the_weight_that_each_gets_alone_and_that_the_nested_sampl
     """Seven nats lower and far wider, the second mode holds most of the posterior."""
     pytest.importorskip("nautilus")
     rig, _ = rig_with_two_modes(1)
-    plain = fit(rig, (), seed=1, draws=4096, most=48)
+    plain = fit(rig, (), seed=1, draws=4096, most=48, settings=FitSettings(readings=rig.observed.size))
     top = hopped(candidate_at(rig, plain.modes[:1]), seed=1).modes[:1]
     found = candidate_at(rig, np.vstack([top, plain.modes[1:]]))
     tops = separate_modes(found)

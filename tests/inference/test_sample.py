@@ -13,7 +13,7 @@ from truths import experiment, problem, rig_with_two_modes
 from psafit.experiment import read_experiment
 from psafit.inference import noise
 from psafit.inference import sample as sampling
-from psafit.inference.candidate import candidate_at, fit, separate_modes
+from psafit.inference.candidate import FitSettings, candidate_at, fit, separate_modes
 from psafit.inference.evidence import importance_sample
 from psafit.inference.hopping import hopped
 from psafit.inference.optimiser import maximise
@@ -79,7 +79,7 @@ def test_draws_above_all_looks_lead_on() -> None:
 def test_a_second_mode_of_the_baseline_is_not_lost(seed):
     """A look elsewhere finds it from any one mode; the posterior of all of them holds the truth."""
     rig, truth = rig_with_two_modes(seed)
-    found = fit(rig, (), seed=1, draws=4096, most=48)
+    found = fit(rig, (), seed=1, draws=4096, most=48, settings=FitSettings(readings=rig.observed.size))
     assert np.abs(found.modes[:, 1] - truth[1]).min() < 1.5
     apart = found.modes[separate_modes(found)]
     assert len(apart) > 1
