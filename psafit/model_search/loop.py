@@ -298,20 +298,19 @@ class _Known(Generic[Content]):
         near = [m.ids for m in found if self.shows(m) and self.value(m) >= least]
         self.keep(self.fitter.short(near, self.models))
 
-    def widen(self, best: Model[Content]) -> bool:
-        """Fit all neighbours of the next model that shows and has no more causes; False where no more get theirs."""
-        if len(best.ids) > self.settings.from_prior:
-            return False
+    def next_wide(self, best: Model[Content]) -> Model[Content] | None:
+        """The next model that shows, has no more causes than the best, and may get its neighbours like it."""
+        if len(best.ids) > self.settings.from_prior or len(self.widened) >= self.settings.widened:
+            return None
         others = [m for m in self.models.values() if m is not best and len(m.ids) <= len(best.ids) and self.shows(m)]
-        left = [m for m in others if m.ids and m.ids not in self.widened]
-        if not left or len(self.widened) >= self.settings.widened:
-            return False
-        model = max(left, key=self.value)
+        return max((m for m in others if m.ids and m.ids not in self.widened), key=self.value, default=None)
+
+    def widen(self, model: Model[Content], highest: float) -> None:
+        """Fit all neighbours of a model; of all models the best has the value `highest`."""
         self.widened.add(model.ids)
         self.done[model.ids] = 0
         for _ in range(_KINDS):
-            self.expand(model, self.value(best))
-        return True
+            self.expand(model, highest)
 
     def detour(self, best: Model[Content]) -> bool:
         """Go a step up from the best model without a cause of the best of all; False where each way has ended."""
@@ -408,7 +407,10 @@ def search(
             if not best_model.ids and (pairs := known.pairs(catalogue)) and not passes(best_model):
                 known.carry_up(pairs)
                 continue
-            if known.detour(best_model) or (not passes(best_model) and known.widen(best_model)):
+            if known.detour(best_model):
+                continue
+            if (other := known.next_wide(best_model)) is not None and not passes(best_model):
+                known.widen(other, highest)
                 continue
             return known.searched()
         best, *others = sorted(left, key=lambda m: (m.sampled and known.done[m.ids], -known.value(m), m.ids))
