@@ -37,8 +37,7 @@ def audit(run: Run, *, n_draws: int = 8) -> Numerics:
         Also written to the run's folder as `numerics.json`.
     """
     flat = run.draws.flat
-    best = np.array([run.fit.minima[0].values[name] for name in run.problem.names])
-    values = np.vstack([best, flat[np.linspace(0, len(flat) - 1, min(n_draws, len(flat))).astype(int)]])
+    values = np.vstack([run.best, flat[np.linspace(0, len(flat) - 1, min(n_draws, len(flat))).astype(int)]])
     result = refine(run.problem, run.problem.to_sampling(values), run.fit.identity)
     write_json(run.folder / "numerics.json", result)
     return result

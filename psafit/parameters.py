@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import keyword
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -291,7 +291,7 @@ class Belief:
         Where it stands, for messages.
     probability : float, optional
         That the cause of the parameter is at work, in the place of what its file declares. Where several are given for
-        one cause, what is stated comes before what follows from the rig, and the greatest before others.
+        one cause, see `leading_belief`.
     derived : bool
         Whether it follows from what the rig is made of, and was not stated itself.
     """
@@ -308,6 +308,16 @@ class Belief:
         """Words for tables."""
         at_work = "" if self.probability is None else f"; at work: {self.probability:g}"
         return f"{self.prior.describe()}{at_work}"
+
+
+def leading_belief(beliefs: Iterable[Belief]) -> Belief | None:
+    """Of what is known of one cause, the belief that says how probable it is to be at work; None where none does.
+
+    What is stated comes before what follows from the rig, and the greatest before others.
+    """
+    said = ((not b.derived, b.probability, b) for b in beliefs if b.probability is not None)
+    *_, found = max(said, key=lambda one: one[:2], default=(None,))
+    return found
 
 
 @dataclass(frozen=True)

@@ -396,7 +396,7 @@ Predicts = Literal["not tested", "yes", "too sure", "misses a trend", "roughly",
 
 def predicts(validation: Validation) -> Predicts:
     """Whether a fit predicts what it has not seen: only where errors, bands and order are right in every group."""
-    mean, unseen = validation.holdout_log_rmse, _unseen(validation)
+    mean, unseen = validation.holdout_log_rmse, _unseen(validation.groups)
     if mean is None or not unseen:
         return "not tested"
     if mean > GOOD:
@@ -412,7 +412,7 @@ def caution(validation: Validation) -> str:
         return f"the best values break a law ({validation.laws[0].text})"
     if drifting(validation):
         return "the errors of what was fitted drift"
-    unseen = _unseen(validation)
+    unseen = _unseen(validation.groups)
     if unseen and too_narrow(unseen):
         return "its 90 % band holds too few of the unseen readings"
     if narrow := [str(s.group) for s in unseen if _narrow(s)]:
@@ -423,9 +423,9 @@ def caution(validation: Validation) -> str:
     return "the groups it has not seen are missed" if missed else ""
 
 
-def _unseen(validation: Validation) -> list[GroupScore]:
+def _unseen(scores: Iterable[GroupScore]) -> list[GroupScore]:
     """Groups that were held out and can show a failure."""
-    return [s for s in validation.groups if s.role == "holdout" and s.informative]
+    return [s for s in scores if s.role == "holdout" and s.informative]
 
 
 def _narrow(score: GroupScore) -> bool:
@@ -502,8 +502,7 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
     """
     predictions = predict(run, n_draws=n_draws)
     scores = [score(p) for p in predictions]
-    held_out = [s.log_rmse for s in scores if s.role == "holdout" and s.informative]
-    best = np.array([run.fit.minima[0].values[name] for name in run.problem.names])
+    held_out = [s.log_rmse for s in _unseen(scores)]
     record = Validation(
         identity=run.fit.identity,
         n_draws=min(n_draws, len(run.draws.flat)),
@@ -511,7 +510,7 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
         groups=scores,
         holdout_log_rmse=float(np.mean(held_out)) if held_out else None,
         pit={p.group.label: p.pit.tolist() for p in predictions},
-        laws=broken(candidate_at(run.problem, run.problem.to_sampling(best)[None])),
+        laws=broken(candidate_at(run.problem, run.problem.to_sampling(run.best)[None])),
     )
     write_json(run.folder / "validation.json", record)
     write_predictions(run.folder / "predictions.csv", predictions)

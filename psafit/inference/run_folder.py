@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 import psafit
+from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.files import digest, in_use, refuse_foreign, remove_temporaries, sha256, write_atomically
 from psafit.inference import noise, store
@@ -50,6 +51,11 @@ class Run(Brief):
     fit: Fit
     summary: PosteriorSummary
     draws: store.Draws
+
+    @property
+    def best(self) -> FloatArray:
+        """Parameters of the best minimum, in their units, (n_dim,)."""
+        return np.array([self.fit.minima[0].values[name] for name in self.problem.names])
 
 
 def determinants_of(

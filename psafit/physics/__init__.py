@@ -16,7 +16,7 @@ from psafit.errors import InputError
 from psafit.experiment.plausible import doubt, valued
 from psafit.experiment.rig import Followed
 from psafit.experiment.text import did_you_mean, shown
-from psafit.parameters import Belief, Parameter
+from psafit.parameters import Belief, Parameter, leading_belief
 from psafit.physics import (
     adhesion,
     amplifier_lag,
@@ -219,8 +219,8 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
 
     def known_cause(cause: Term) -> Term:
         names = [p.name for p in cause.parameters]
-        odds = [(not b.derived, b.probability) for b in beliefs if b.name in names and b.probability is not None]
-        _, probability = max(odds, default=(False, cause.probability))  # what is stated before what follows
+        said = leading_belief(b for b in beliefs if b.name in names)
+        probability = cause.probability if said is None or said.probability is None else said.probability
         return replace(cause, parameters=known_of(cause.parameters), probability=probability)
 
     return known_of(baseline.PARAMETERS), tuple(map(known_cause, causes))

@@ -32,7 +32,7 @@ from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import NOT_EXCLUDED, UNSEEN, CauseResult, Diagnosis, ParameterResult
 from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.inference import noise
-from psafit.parameters import Belief
+from psafit.parameters import Belief, leading_belief
 from psafit.physics import owner
 
 __all__ = [
@@ -202,10 +202,11 @@ def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> It
     """The causes that the experiment holds for `likely`, or more, and of which the readings say nothing."""
     found = []
     for s in d.screening:
-        odds = [(not b.derived, b.probability) for b in beliefs if owner(b.name) == s.id and b.probability is not None]
-        stated, probability = max(odds, default=(False, 0.0))  # what is stated comes first
-        if probability > likely and s.verdict in (UNSEEN, NO_ACTION, NOT_EXCLUDED):
-            found.append((s.id, "[prior]" if stated else "[rig]", probability))
+        said = leading_belief(b for b in beliefs if owner(b.name) == s.id)
+        if said is None or said.probability is None or s.verdict not in (UNSEEN, NO_ACTION, NOT_EXCLUDED):
+            continue
+        if said.probability > likely:
+            found.append((s.id, "[rig]" if said.derived else "[prior]", said.probability))
     if found:
         yield AtWork(found)
 
