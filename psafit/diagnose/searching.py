@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -24,5 +25,6 @@ def searched(problem: Problem, catalogue: Sequence[Term], *, seed: int, **option
     **options
         Others of `psafit.model_search.search_models`.
     """
+    catalogue = replace(problem, terms=tuple(catalogue)).terms  # with the priors that the experiment states
     judge = partial(passes, catalogue=catalogue, seed=seed)
     return search_models(problem, catalogue, seed=seed, passes=judge, **options)
