@@ -6,6 +6,7 @@ What only some fixtures need is imported by them: a single fast test does not wa
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,8 +14,10 @@ from typing import TYPE_CHECKING
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Tests that run side by side part the cores: what starts as many processes as there are cores takes its share.
 if side_by_side := int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0")):
-    os.environ.setdefault("LOKY_MAX_CPU_COUNT", str(max(1, (os.cpu_count() or 1) // side_by_side)))
+    share = max(1, (os.cpu_count() or 1) // side_by_side)
+    os.environ.setdefault("LOKY_MAX_CPU_COUNT", str(share))
 
+import numba
 import numpy as np
 import pytest
 from rigs import measure
@@ -23,6 +26,9 @@ from psafit.experiment import Experiment, write_experiment
 
 if TYPE_CHECKING:
     from psafit.reproduce import Reproduction
+
+if side_by_side:
+    numba.set_num_threads(min(share, numba.get_num_threads()))
 
 pytest.register_assert_rewrite("campaigns", "folders")  # they assert, though they hold no tests
 
@@ -35,6 +41,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the longest tests."""
     places = {name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: places.get(item.path.name, len(places)))
+
+
+@pytest.fixture
+def all_threads() -> Iterator[None]:
+    """For a test of threads: as many as there are cores, though other tests run next to it."""
+    used = numba.get_num_threads()
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    yield
+    numba.set_num_threads(used)
 
 
 @pytest.fixture(scope="session")

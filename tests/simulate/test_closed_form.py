@@ -141,6 +141,7 @@ def test_a_pressed_ball_that_never_separates_ends_the_search() -> None:
         assert np.isnan(when[0, 0]) and speed[0, 0] == 0.0 and status[0, 0] == closed_form.NO_SEPARATION
 
 
+@pytest.mark.usefixtures("all_threads")
 def test_batch_equals_single_sets_and_any_number_of_threads() -> None:
     rng = np.random.default_rng(11)
     sets = np.exp(rng.uniform(LOW, HIGH, (40, 3)))

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from numba import get_num_threads, set_num_threads
+from numba import set_num_threads
 
 from psafit.experiment import Constants
 from psafit.physics import TERMS, baseline, terms
@@ -159,18 +159,15 @@ def test_launch_range_is_smooth_in_the_parameters(ids: list[str]) -> None:
     assert np.median(jitter) < 1e-8
 
 
+@pytest.mark.usefixtures("all_threads")
 def test_neither_batch_nor_threads_change_a_bit() -> None:
     ids = ["hertz_exponent", "hysteresis"]
     theta = prior_draws(9, ids, np.random.default_rng(2))
     whole = simulate(sweeps(), theta, terms(ids)).launch_range
     single = np.concatenate([simulate(sweeps(), one, terms(ids)).launch_range for one in theta])
     assert (whole == single).all()
-    used = get_num_threads()
     set_num_threads(1)
-    try:
-        assert (simulate(sweeps(), theta, terms(ids)).launch_range == whole).all()
-    finally:
-        set_num_threads(used)
+    assert (simulate(sweeps(), theta, terms(ids)).launch_range == whole).all()
 
 
 def test_choosing_causes_compiles_nothing() -> None:
