@@ -36,6 +36,7 @@ from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
 from psafit.observables import OBSERVABLES, OF_LAUNCHES
+from psafit.physics import meaning
 from psafit.records import ABSENT
 from psafit.simulate import Design, readings, simulate
 from psafit.text import fixed, significant
@@ -177,7 +178,8 @@ class Purpose:
     def text(self) -> str:
         """Return the purpose in words."""
         if self.kind == "narrow":
-            return f"determines {self.parameter}"
+            means = f" ({known})" if (known := meaning(self.parameter)) else ""
+            return f"determines {self.parameter}{means}"
         if self.explanations:
             return f"shows whether what is left {' or '.join(KINDS[e.kind] for e in self.explanations)}"
         first, *others = ((" + ".join(ids) or "the baseline") for ids in self.sets)

@@ -52,7 +52,9 @@ from psafit.physics import (
 )
 from psafit.physics.term import SLOTS, Term, signature
 
-__all__ = ["TERMS", "baseline", "informed", "owner", "plugin_versions", "recorded", "signatures", "term", "terms"]
+__all__ = [
+    "TERMS", "baseline", "informed", "meaning", "owner", "plugin_versions", "recorded", "signatures", "term", "terms",
+]  # fmt: skip
 
 _BUILT_IN: tuple[Term, ...] = tuple(
     module.TERM
@@ -173,6 +175,12 @@ _OWNERS = {p.name: t.id for t in TERMS for p in t.parameters}
 def owner(name: str) -> str | None:
     """The cause that a parameter belongs to; None for the baseline's, a session's own and the scatter's."""
     return _OWNERS.get(name)
+
+
+def meaning(name: str) -> str:
+    """What a parameter of the baseline or of a cause of the catalogue stands for; empty where it is unknown."""
+    known = (*baseline.PARAMETERS, *(p for t in TERMS for p in t.parameters))
+    return next((p.description for p in known if p.name == name), "")
 
 
 def _refused(belief: Followed, reason: str) -> tuple[str, str]:

@@ -12,7 +12,7 @@ from psafit.diagnose.next_experiment import CLEAR, NextExperiment, Purpose
 from psafit.diagnose.record import Axis, Draft
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
-from psafit.physics import TERMS, baseline
+from psafit.physics import meaning
 from psafit.text import fixed
 
 _AXES: dict[Axis, str] = {"frequency": "a frequency", "amplitude": "an amplitude", "range": "a predicted range"}
@@ -113,8 +113,7 @@ def purpose_text(purpose: Purpose | None, words: Words) -> str:
         return ""
     if purpose.kind == "narrow":
         name = purpose.parameter
-        known = (*baseline.PARAMETERS, *(p for t in TERMS for p in t.parameters))
-        means = next((f" ({p.description})" for p in known if p.name == name), "")
+        means = f" ({known})" if (known := meaning(name)) else ""
         return words.put("determines {}{}", words.parameter(name), means)
     if purpose.explanations:
         each = (words.put("{} ({})", KINDS[e.kind], words.per_cent(e.probability)) for e in purpose.explanations)
