@@ -172,7 +172,7 @@ def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = ()) -> None:
             click.echo(f"  {statement.say(PLAIN)}")
     given_named = result.mostly_unnamed or result.verdict == "unexplained"
     if given_named:
-        click.echo("  if a model of the catalogue had to do:")
+        click.echo("  if the truth were in the catalogue:")
     rows: list[tuple[float, list[str]]] = []
     for cause in result.causes[:5]:
         words = " + ".join(cause.terms) or "no cause"

@@ -56,7 +56,7 @@ Objection = Literal["", "tests", "together", "tails"]
 
 CHARACTERS: dict[Character, str] = {
     "none": "no particular character",
-    "physics": "the misfit follows the conditions, or the order of the readings: the physics is wrong",
+    "physics": "it follows the conditions or the order of the readings, so the physics is wrong",
     "scatter": "the mean is right; the law of the scatter is not",
     "group": "it is all due to one group",
     "points": "it is all due to a few odd readings",

@@ -29,6 +29,7 @@ from scipy.special import logsumexp
 from psafit.arrays import FloatArray
 from psafit.diagnose.explanations import KINDS, Explanation, Explanations, compared
 from psafit.diagnose.possible import Possible, TraceSettings, contact_times, near, proposals, traces
+from psafit.diagnose.words import PLAIN, Words
 from psafit.drives import TABLE, Drive
 from psafit.experiment import Conditions, Experiment, GroupId
 from psafit.inference import noise
@@ -174,16 +175,20 @@ class Purpose:
     parameter: str = ""
     explanations: list[Explanation] | None = field(default=None, metadata=ABSENT)
 
-    @property
-    def text(self) -> str:
-        """Return the purpose in words."""
+    def say(self, words: Words) -> str:
+        """Return the purpose in words, without what the sets to be distinguished share."""
         if self.kind == "narrow":
             means = f" ({known})" if (known := meaning(self.parameter)) else ""
-            return f"determines {self.parameter}{means}"
+            return words.put("determines {}{}", words.parameter(self.parameter), means)
         if self.explanations:
-            return f"shows whether what is left {' or '.join(KINDS[e.kind] for e in self.explanations)}"
-        first, *others = ((" + ".join(ids) or "the baseline") for ids in self.sets)
-        return f"separates {first} from {', '.join(others)}"
+            each = (words.put("{} ({})", KINDS[e.kind], words.per_cent(e.probability)) for e in self.explanations)
+            return words.put("shows whether what is left {}", words.joined(" or ", each))
+        shared = set.intersection(*map(set, self.sets))
+        if any(shared.issuperset(ids) for ids in self.sets):  # one holds nothing else
+            shared = set()
+        one, *rest = (words.causes([id for id in ids if id not in shared]) for ids in self.sets)
+        apart = " (apart from what they share)" if shared else ""
+        return words.put("separates {} from {}{}", one, words.listed(rest), apart)
 
 
 @dataclass(frozen=True)
@@ -213,7 +218,7 @@ class NextExperiment:
         cls, found: Sequence[Proposal], purpose: Purpose, weak: bool | None = None, *, most: int = 5
     ) -> NextExperiment:
         """Return the best of some proposals, `most` of them, one that leaves the rig as it is among them."""
-        return cls(purpose.text, _first(found, most, lambda p: p.as_it_is), purpose, weak)
+        return cls(purpose.say(PLAIN), _first(found, most, lambda p: p.as_it_is), purpose, weak)
 
     @property
     def separates(self) -> bool:
@@ -245,7 +250,7 @@ class NextExperiment:
         does = (
             f"{self.about}, by {significant(one.separation, 2)} +- {significant(one.error, 1)} nats on average"
             if self.separates
-            else f"{self.about}: narrower by {fixed(-math.expm1(-one.separation), per_cent=True)} %"
+            else f"{self.about}, whose uncertainty falls by {fixed(-math.expm1(-one.separation), per_cent=True)} %"
         )
         return does + ("" if self.recommended else ", hardly worth the measurement")
 

@@ -77,7 +77,7 @@ def test_what_had_to_do_is_compared_among_models_of_the_catalogue(capsys: pytest
     """A discrepancy is none of them, however little of the probability it takes."""
     record = replace(make_record(make_experiment()), verdict="unexplained", named=[], alternatives=[], unnamed=0.09)
     say_diagnosis(record)
-    _, rows = capsys.readouterr().out.split("  if a model of the catalogue had to do:\n")
+    _, rows = capsys.readouterr().out.split("  if the truth were in the catalogue:\n")
     shares = [float(row.split("%")[0].strip(" <>")) for row in rows.splitlines() if " %  " in row]
     assert "a discrepancy without a name" not in rows
     assert shares[0] == pytest.approx(100 * record.causes[0].evidence.share, abs=0.06)

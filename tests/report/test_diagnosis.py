@@ -13,7 +13,6 @@ import pytest
 from diagnoses_by_hand import CONSTANTS, build, growth, make_experiment, make_record
 from reader import HOSTILE, Reader
 
-from psafit.diagnose.answer import purpose_text
 from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.explanations import Explanation
 from psafit.diagnose.gain import Choice
@@ -103,12 +102,10 @@ def test_first_screen_answers(page):
     text = page.first_screen
     assert text.index("ambiguous") < text.index("Examined: 42 readings of groups 1, 2 and")
     assert "and 3 candidate causes" in text
-    assert (
-        "No. The tests find the baseline wrong: of 999 data sets made by the fitted baseline itself, none look" in text
-    )
+    assert "The tests find the baseline wrong: of 999 data sets simulated from the fitted baseline, none look" in text
     assert "hysteresis of the stack (probability 61 %)" in text
     assert "90 % interval: hysteresis of the stack s = 4.10 × 10⁵ (3.80 to 4.40) × 10⁵ and" in text  # sizes
-    assert "Values that would surprise whoever knows such rigs: U of hysteresis of the stack." in text
+    assert "Implausible values: U of hysteresis of the stack." in text
     assert "without a name keeps" not in text
     odd = (
         "group 1, 200 Hz, 20 V (100 µm read, 140 µm predicted). 1 reading is off by more than four standard deviations."
@@ -203,8 +200,8 @@ def test_page_stands_alone(page):
         (
             unexplained,
             [
-                "No cause of the catalogue explains what these readings show. Of the baseline: the misf",
-                "narrower by 78 %",
+                "No cause of the catalogue explains what these readings show. What the baseline misses: ",
+                "uncertainty falls by 78 %",
                 "Narrowing",
             ],
             ["Success", "Extended", "No other set", "changes a reading by"],
@@ -298,7 +295,7 @@ def test_no_share_is_printed_of_a_cause_that_is_not_needed(undrawn, tmp_path):
     page = build(replace(record, screening=found), experiment, tmp_path)
     assert "1 does not act on what was read: drag on the swing" in page.first_screen
     assert "could not have been seen" not in page.first_screen
-    assert "it changes launch ranges alone, and none was read" in page.text
+    assert "It changes launch ranges alone, and none was read" in page.text
     assert "a cause that adds less than 3 nats counts with the model without it" in page.text
 
 
@@ -392,10 +389,11 @@ def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
     doubted = Belief("preload_offset", wide, "looked at", probability=0.1)
     page = build(record, replace(experiment, beliefs=(*follow, doubted)), tmp_path)
     assert (
-        "At work by what is known of the rig: lagging amplifier (95 %, by [rig]), stroke rises to the data sheet's,"
-        " with its loop (70 %, by [rig]); these readings do not add to that." in " ".join(page.first_screen.split())
+        "Probably at work, by what is known of the rig: lagging amplifier (95 %, by [rig]), stroke rises to the data"
+        " sheet's, with its loop (70 %, by [rig]). These readings say nothing more of it."
+        in " ".join(page.first_screen.split())
     )
-    assert "At work by" not in build(record, experiment, tmp_path).first_screen
+    assert "Probably at work" not in build(record, experiment, tmp_path).first_screen
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -463,12 +461,12 @@ def test_large_sets_are_described_by_what_differs():
     assert _instead(named, ["preload", "gap"]) == model(["preload", "gap"])
     assert _instead(["gap"], ["preload"]) == model(["preload"])
     sets = [["hysteresis", "gap"], ["hysteresis", "preload"], ["hysteresis", "slew_limit"]]
-    shared = purpose_text(Purpose("separate", sets), PAGE)
+    shared = Purpose("separate", sets).say(PAGE)
     assert (
         "separates gap at rest from ball leans on the tip and slew-limited amplifier (apart from what they share)"
         in shared
     )
-    assert "share" not in purpose_text(Purpose("separate", [["hysteresis"], ["hysteresis", "preload"]]), PAGE)
+    assert "share" not in Purpose("separate", [["hysteresis"], ["hysteresis", "preload"]]).say(PAGE)
 
 
 def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
@@ -478,14 +476,15 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
     record = replace(record, next_experiment=replace(record.next_experiment, proposals=[best]))
     text = build(record, experiment, tmp_path).first_screen
     assert (
-        "No measurement that the rig allows separates hysteresis of the stack from" in text
+        "No measurement within the limits separates hysteresis of the stack from" in text
         and "by 0.4 ± 0.1 nats" in text
     )
     weak = replace(best, separation=0.05, error=0.02, success=None, pairs=[])
     record = replace(record, next_experiment=NextExperiment.of([weak], Purpose("narrow", parameter="k_c")))
     text = build(record, experiment, tmp_path).first_screen
     assert (
-        "would show much more: the best, sine, 20 V, determines kc (contact stiffness), narrower by 5 %. More" in text
+        "would show much more: the best, sine, 20 V, determines kc (contact stiffness), whose uncertainty falls by 5 %."
+        " More" in text
     )
 
 
@@ -496,7 +495,7 @@ def test_what_is_left_is_to_be_measured_again(undrawn, tmp_path):
     best = Proposal("sine, 20 V, 900 to 2000 Hz", "sine", [900.0, 2000.0], [20.0, 20.0], {}, 6.24, 0.91, 0.2)
     explanations = [Explanation("session", 0.62), Explanation("frequency", 0.3), Explanation("size", 0.08)]
     found = NextExperiment.of([best], Purpose("explain", explanations=explanations))
-    assert found.separates and "shows whether what is left belongs to sessions or follows" in found.promise(0)
+    assert found.separates and "shows whether what is left belongs to sessions (62 %) or follows" in found.promise(0)
     record = replace(record, next_experiment=found)
     page = build(record, experiment, tmp_path)
     assert (
@@ -526,8 +525,8 @@ def test_a_proposal_names_its_drive_and_whose_motion_is_read(undrawn, tmp_path):
         "table level.csv, 2 readings of the contact time",
         "unipolar sine, 2 samples over 340 µs of the tip displacement",
     ]
-    assert purpose_text(Purpose("narrow", parameter="c_s"), PLAIN) == "determines c_s (structural damping of the stack)"
-    assert purpose_text(Purpose("narrow", parameter="of_a_plugin"), PLAIN) == "determines of_a_plugin"
+    assert Purpose("narrow", parameter="c_s").say(PLAIN) == "determines c_s (structural damping of the stack)"
+    assert Purpose("narrow", parameter="of_a_plugin").say(PLAIN) == "determines of_a_plugin"
 
 
 def test_provenance_names_the_tables_that_hold_something(undrawn, tmp_path):

@@ -27,7 +27,7 @@ from psafit.diagnose.answer.findings import (
 )
 from psafit.diagnose.answer.grounds import ByChance, Calibrated, LivesOn, OneGroup, Searched, SmoothIsBetter
 from psafit.diagnose.answer.statement import Statement, Topic
-from psafit.diagnose.answer.worth import Drafted, Gained, Next, NoGain, purpose_text
+from psafit.diagnose.answer.worth import Drafted, Gained, Next, NoGain
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import NOT_EXCLUDED, UNSEEN, CauseResult, Diagnosis, ParameterResult
 from psafit.diagnose.words import NO_ACTION, PLAIN
@@ -62,7 +62,6 @@ __all__ = [
     "Unseen",
     "answer",
     "kept",
-    "purpose_text",
     "sentences",
 ]
 

@@ -91,7 +91,7 @@ class Judged(Statement):
         least = self.p_value <= 1 / (self.simulated + 1)
         few = "none" if least else words.fraction(self.p_value) if self.p_value < 0.1 else words.per_cent(self.p_value)
         how = words.put(
-            "of {} data sets made by the fitted baseline itself, {} look at least as odd; below {} it counts as wrong",
+            "of {} data sets simulated from the fitted baseline, {} look as odd (below {} it is rejected)",
             self.simulated, few, words.per_cent(ALPHA),
         )  # fmt: skip
         rest = words.per_cent(self.share)
@@ -252,7 +252,7 @@ class Kind(Statement):
     def say(self, words: Words) -> str:
         which = {"group": f": {', '.join(map(str, self.groups))}", "points": f": {self.points} of them"}
         return words.put(
-            "Of the baseline: {}{}.", described(self.character, self.statistics), which.get(self.character, "")
+            "What the baseline misses: {}{}.", described(self.character, self.statistics), which.get(self.character, "")
         )
 
 
@@ -294,7 +294,7 @@ class Implausible(Statement):
             words.put("{} of {}", words.listed(map(words.parameter, names)), words.causes(terms))
             for terms, names in self.values
         )
-        return words.put("Values that would surprise whoever knows such rigs: {}.", words.joined("; ", each))
+        return words.put("Implausible values: {}.", words.joined("; ", each))
 
 
 @dataclass(frozen=True)
@@ -381,7 +381,8 @@ class AtWork(Statement):
     def say(self, words: Words) -> str:
         each = (words.put("{} ({}, by {})", words.cause(c), words.per_cent(p), by) for c, by, p in self.causes)
         return words.put(
-            "At work by what is known of the rig: {}; these readings do not add to that.", words.joined(", ", each)
+            "Probably at work, by what is known of the rig: {}. These readings say nothing more of it.",
+            words.joined(", ", each),
         )
 
 
@@ -403,8 +404,8 @@ class Room(Statement):
 
     def say(self, words: Words) -> str:
         return words.put(
-            "Added to {} and refitted, no cause of the {} (of {}) that could be bounded changes a reading by more than"
-            " {}, with 95 % probability ({}).",
-            words.causes(self.adopted), self.bounded, self.of, words.fraction(max(self.share, self.least)),
-            words.cause(self.cause),
+            "{} may be at work, too: added to {} and refitted, it changes a reading by up to {} (95 % limit). That is"
+            " the most among the causes that could be bounded ({} of {}).",
+            words.cause(self.cause), words.causes(self.adopted), words.fraction(max(self.share, self.least)),
+            self.bounded, self.of,
         )  # fmt: skip

@@ -27,11 +27,11 @@ class OneGroup(Statement):
 
     def say(self, words: Words) -> str:
         return words.put(
-            "Of the gain of what is named, {}, {} gives {}{}.", words.nats(self.gain), words.groups([self.group]),
-            words.nats(self.most),
+            "Of the {} that the named causes gain, {} contributes {}{}.", words.nats(self.gain),
+            words.groups([self.group]), words.nats(self.most),
             ""
             if self.without is None
-            else words.put("; fitted to the other groups alone, it gains {}", words.nats(self.without)),
+            else words.put("; fitted to the other groups alone, they gain {}", words.nats(self.without)),
         )  # fmt: skip
 
 
@@ -93,7 +93,7 @@ class ByChance(Statement):
         if not as_much:
             p += f", the least that {n} can show"
         return words.put(
-            "{} of {} search{} {} led by as much: {}, against {} here ({}).",
+            "{} of {} search{} {} found causes that lead the baseline by as much: {}, against {} here ({}).",
             as_much or "None", n, "" if n == 1 else "es", where, most_text, fixed(s.lead), p,
         )  # fmt: skip
 

@@ -6,13 +6,11 @@ import math
 from dataclasses import dataclass
 
 from psafit.diagnose.answer.statement import Statement
-from psafit.diagnose.explanations import KINDS
 from psafit.diagnose.gain import Gain
-from psafit.diagnose.next_experiment import CLEAR, NextExperiment, Purpose
+from psafit.diagnose.next_experiment import CLEAR, NextExperiment
 from psafit.diagnose.record import Axis, Draft
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
-from psafit.physics import meaning
 from psafit.text import fixed
 
 _AXES: dict[Axis, str] = {"frequency": "a frequency", "amplitude": "an amplitude", "range": "a predicted range"}
@@ -88,39 +86,21 @@ class Next(Statement):
 
     def say(self, words: Words) -> str:
         first, purpose = self.found.proposals[0], self.found.purpose
-        about, text = purpose_text(purpose, words), words.number(first.text)
+        about = purpose.say(words) if purpose else ""
+        text = words.number(first.text)
         if self.found.separates:
             lead = f"over {0.9 * CLEAR:.0f} nats"
             if first.separation <= 0.9 * CLEAR:
                 lead = f"{fixed(first.separation, 1)} +- {fixed(first.error, 1)} nats"
             by = words.number(lead)
         else:
-            by = words.put("narrower by {}", words.per_cent(-math.expm1(-first.separation)))
+            by = words.put("whose uncertainty falls by {}", words.per_cent(-math.expm1(-first.separation)))
         if self.found.recommended:
             does = "{}: it best {}, with an expected lead of {}." if self.found.separates else "{}: it best {}, {}."
             rest = " The other sets are not looked at: without --quick the four likeliest are."
             return words.put("Next, measure " + does + "{}", text, about, by, rest if self.more else "")
         if self.found.separates:
-            return words.put("No measurement that the rig allows {}: the best, {}, by {}.", about, text, by)
+            return words.put("No measurement within the limits {} well: the best is {}, by {}.", about, text, by)
         return words.put(
-            "No measurement that the rig allows would show much more: the best, {}, {}, {}.", text, about, by
+            "No measurement within the limits would show much more: the best, {}, {}, {}.", text, about, by
         )
-
-
-def purpose_text(purpose: Purpose | None, words: Words) -> str:
-    """Return what proposals are for, without what the sets to be distinguished share."""
-    if purpose is None:
-        return ""
-    if purpose.kind == "narrow":
-        name = purpose.parameter
-        means = f" ({known})" if (known := meaning(name)) else ""
-        return words.put("determines {}{}", words.parameter(name), means)
-    if purpose.explanations:
-        each = (words.put("{} ({})", KINDS[e.kind], words.per_cent(e.probability)) for e in purpose.explanations)
-        return words.put("shows whether what is left {}", words.joined(" or ", each))
-    shared = set.intersection(*map(set, purpose.sets))
-    if any(shared.issuperset(ids) for ids in purpose.sets):  # one holds nothing else
-        shared = set()
-    one, *rest = (words.causes([id for id in ids if id not in shared]) for ids in purpose.sets)
-    apart = " (apart from what they share)" if shared else ""
-    return words.put("separates {} from {}{}", one, words.listed(rest), apart)

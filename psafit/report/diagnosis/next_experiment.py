@@ -7,7 +7,6 @@ from typing import Any
 
 from markupsafe import Markup
 
-from psafit.diagnose.answer import purpose_text
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, Rehearsal
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.trials import Calibration, Rate
@@ -55,7 +54,7 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
     several = any(len(p.pairs) > 1 for p in found.proposals)
     if not several:
         rows = [row[: -1 if found.separates else -2] for row in rows]
-    about = purpose_text(found.purpose, PAGE)
+    about = found.purpose.say(PAGE) if found.purpose else ""
     explanations = (found.purpose.explanations if found.purpose else None) or []
     return {
         "about": about, "separates": found.separates, "several": several, "rows": rows,
