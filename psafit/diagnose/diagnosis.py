@@ -277,6 +277,7 @@ class Work:
             laws=laws,
             unexplained_by=verdict.unexplained_by,
             by_likelihood=[list(ids) for ids in verdict.by_likelihood],
+            counted=results.counted_of(model_set, judgement.adopted),
             sentences=[],
             unnamed=verdict.unnamed,
             screening=screening,

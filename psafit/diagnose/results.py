@@ -16,6 +16,7 @@ from psafit.diagnose.record import (
     NOT_EXCLUDED,
     UNSEEN,
     CauseResult,
+    Counted,
     DiscrepancyResult,
     Evidence,
     GroupDiscrepancy,
@@ -58,15 +59,37 @@ def causes_of(model_set: ModelSet, verdict: Verdict, most: int = 12, least: floa
     return [cause_result(model_set, verdict, c) for c in shown]
 
 
-def cause_result(model_set: ModelSet, verdict: Verdict, candidate: Candidate) -> CauseResult:
-    """What the record says of one model."""
-    problem = candidate.problem
-    found = model_set.samples.get(candidate.ids)
+def _parameters(model_set: ModelSet, candidate: Candidate) -> dict[str, ParameterResult]:
     parameters: dict[str, ParameterResult] = {}
     quantiles = model_set.quantiles(candidate.ids, (0.05, 0.5, 0.95))
-    for p, (lower, median, upper) in zip(problem.parameters, quantiles.T.tolist(), strict=True):
-        low, high = (lower, upper) if found else (None, None)
+    for p, (lower, median, upper) in zip(candidate.problem.parameters, quantiles.T.tolist(), strict=True):
+        low, high = (lower, upper) if candidate.ids in model_set.samples else (None, None)
         parameters[p.name] = ParameterResult(median, low, high, p.unit, p.description, p.prior_share(median))
+    return parameters
+
+
+def counted_of(model_set: ModelSet, adopted: Candidate) -> list[Counted]:
+    """Larger sets that are counted with what is adopted, and what they would change of it."""
+    own, found = _parameters(model_set, adopted), []
+    physical = adopted.problem.names[: adopted.problem.n_model]
+    for ids in model_set.counted_with(adopted.ids):
+        larger = model_set.of(ids)
+        values = _parameters(model_set, larger)
+        added = {p.name for t in larger.terms if t.id not in adopted.ids for p in t.parameters}
+        moved = {name: values[name] for name in physical if _outside(values[name].median, own[name])}
+        more = {name: p for name, p in values.items() if name in added}
+        found.append(Counted(list(ids), model_set.odds(ids, adopted.ids), more, moved))
+    return found
+
+
+def _outside(value: float, interval: ParameterResult) -> bool:
+    return not (interval.lower is None or interval.upper is None or interval.lower <= value <= interval.upper)
+
+
+def cause_result(model_set: ModelSet, verdict: Verdict, candidate: Candidate) -> CauseResult:
+    """What the record says of one model."""
+    found = model_set.samples.get(candidate.ids)
+    parameters = _parameters(model_set, candidate)
     evidence = Evidence(
         log_evidence=model_set.log_evidence[candidate.ids],
         over_baseline=model_set.log_evidence[candidate.ids] - model_set.log_evidence[()],
@@ -81,7 +104,7 @@ def cause_result(model_set: ModelSet, verdict: Verdict, candidate: Candidate) ->
             prior_width=_sensitivity(candidate, found),
         )  # fmt: skip
     ids = verdict.named if set(candidate.ids) == set(verdict.named) else candidate.ids
-    strange = problem.implausible(quantiles[1])
+    strange = candidate.problem.implausible(np.array([p.median for p in parameters.values()]))
     return CauseResult(list(ids), verdict.probability[candidate.ids], parameters, evidence, strange)
 
 

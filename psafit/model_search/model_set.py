@@ -156,6 +156,24 @@ class ModelSet:
         share = self.probability
         return [ids for ids in sorted(share, key=lambda ids: -share[ids]) if ids != named and share[ids] > 0]
 
+    def odds(self, ids: Ids, other: Ids) -> float:
+        """Posterior odds of one model against another, each taken by itself."""
+        weight = (self.log_evidence[i] + self.log_prior(i) for i in (ids, other))
+        return math.exp(next(weight) - next(weight))
+
+    def counted_with(self, named: Ids) -> tuple[Ids, ...]:
+        """Sampled sets that hold the named one and more, and for which the readings speak, too little to show.
+
+        Those that keep 5 % when they are compared with the named one alone; most probable first.
+        """
+        least, own = (1 - CREDIBLE) / CREDIBLE, self.log_evidence[named]
+        found = {
+            ids: self.odds(ids, named)
+            for ids in self.samples
+            if set(ids) > set(named) and not self.probability[ids] and self.log_evidence[ids] > own
+        }
+        return tuple(sorted((ids for ids in found if found[ids] >= least), key=lambda ids: -found[ids]))
+
     def quantiles(self, ids: Ids, q: Sequence[float]) -> FloatArray:
         """Quantiles of a model's parameters, (len(q), n_dim), in their units; its mode where it was not sampled."""
         problem, found = self.of(ids).problem, self.samples.get(ids)

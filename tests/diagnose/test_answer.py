@@ -8,9 +8,21 @@ from dataclasses import replace
 import pytest
 from diagnoses_by_hand import make_experiment, make_record
 
-from psafit.diagnose.answer import ByChance, Furthest, Gained, Judged, Kind, Named, Searched, Sizes, answer, sentences
+from psafit.diagnose.answer import (
+    ByChance,
+    Furthest,
+    Gained,
+    Judged,
+    Kind,
+    Named,
+    Searched,
+    Sizes,
+    TooWeak,
+    answer,
+    sentences,
+)  # fmt: skip
 from psafit.diagnose.misfit import Coincidence
-from psafit.diagnose.record import Broken, Diagnosis, ParameterResult
+from psafit.diagnose.record import Broken, Counted, Diagnosis, ParameterResult
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
 from psafit.model_search.model_set import LookedAt
@@ -258,3 +270,18 @@ def test_what_a_cause_may_change_is_said_of_what_was_bounded(verdict: str, named
     texts = sentences(replace(record, verdict=verdict, named=named, screening=bounded))
     found = [text for text in texts if "changes a reading" in text]
     assert [text.partition(", with 95 %")[0] for text in found] == ([said] if said else [])
+
+
+def test_what_may_be_at_work_as_well_is_said_with_what_it_would_change() -> None:
+    d = record()
+    size = ParameterResult(3.2e-5, 1.8e-5, 4.3e-5, "s", "lag", 0.5)
+    own, name = next((c.parameters, "k_c") for c in d.causes if not c.terms)
+    moved = replace(own[name], median=2.0, lower=1.0, upper=3.0)
+    counted = Counted(["amplifier_lag"], 1.34, {"amplifier_lag_tau": size}, {name: moved})
+    adequate = replace(d, verdict="adequate", named=[], alternatives=[], counted=[counted])
+    (weak,) = of(adequate, TooWeak)
+    said = weak.say(PLAIN)
+    assert said.startswith("amplifier_lag may be at work: odds of 1.3 against the baseline alone.")
+    assert "It would have amplifier_lag_tau = 3.2e-05 (1.8e-05 to 4.3e-05) s. Then k_c = 2 (1 to 3) N/m, not" in said
+    assert "Then" not in replace(weak, counted=replace(counted, moved={})).say(PLAIN)
+    assert not of(replace(adequate, verdict="unexplained", named=["gap"]), TooWeak), "a wrong model says nothing of it"

@@ -12,7 +12,7 @@ from truths import FEW, experiment, narrow, problem
 from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.record import NEAREST, NEXT_BEST, NOT_EXCLUDED, UNSEEN
-from psafit.diagnose.results import cause_result, misfit_of, screening_of, word_for
+from psafit.diagnose.results import cause_result, counted_of, misfit_of, screening_of, word_for
 from psafit.diagnose.room import Room
 from psafit.diagnose.screening import VISIBLE, screen
 from psafit.diagnose.words import NO_ACTION
@@ -105,3 +105,18 @@ def test_the_readings_furthest_from_what_is_adopted_are_always_reported():
     assert "as there in group c" in misfit.where[0].text
     cause = cause_result(model_set, SimpleNamespace(named=(), probability={(): 1.0}), model_set.baseline)
     assert cause.parameters["nu"].upper < 10.0
+
+
+def test_what_is_too_weak_to_show_is_reported_with_what_it_would_change(hidden):
+    """As if the lag gained less than it must to count by itself."""
+    lag = ("amplifier_lag",)
+    assert not counted_of(hidden, hidden.baseline)
+    absorbed = replace(hidden, probability=hidden.probability | {lag: 0.0})
+    (found, *_) = counted_of(absorbed, absorbed.baseline)
+    assert found.terms == [*lag] and list(found.parameters) == ["amplifier_lag_tau"]
+    gained = hidden.log_evidence[lag] - hidden.log_evidence[()] + hidden.log_prior(lag) - hidden.log_prior(())
+    assert np.log(found.odds) == pytest.approx(gained)
+    own = dict(zip(hidden.baseline.problem.names, hidden.quantiles((), (0.05, 0.95)).T, strict=True))
+    assert found.moved and all(not own[name][0] <= p.median <= own[name][1] for name, p in found.moved.items())
+    against = replace(absorbed, log_evidence=absorbed.log_evidence | {lag: hidden.log_evidence[()] - 0.1})
+    assert not counted_of(against, against.baseline), "the readings speak against it"

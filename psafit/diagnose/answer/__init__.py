@@ -23,6 +23,7 @@ from psafit.diagnose.answer.findings import (
     Rival,
     Room,
     Sizes,
+    TooWeak,
     Unseen,
 )
 from psafit.diagnose.answer.grounds import ByChance, Calibrated, LivesOn, OneGroup, Searched, SmoothIsBetter
@@ -58,6 +59,7 @@ __all__ = [
     "Sizes",
     "SmoothIsBetter",
     "Statement",
+    "TooWeak",
     "Topic",
     "Unseen",
     "answer",
@@ -89,7 +91,7 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
     tests = d.misfit.baseline
     if d.misfit.p_value < ALPHA and tests.character != "none":
         found.append(Kind(tests.character, tests.odd_groups, len(tests.odd_points), tests.statistics))
-    found += [*_values(d), *map(BreaksLaw, d.laws), *_unseen(d), *_at_work(d, beliefs), *_robust(d)]
+    found += [*_values(d), *map(BreaksLaw, d.laws), *_too_weak(d), *_unseen(d), *_at_work(d, beliefs), *_robust(d)]
     if d.influence and (carried := [c for c in d.influence.causes if c.half]):
         found.append(LivesOn(carried, len(d.influence.tail)))
     if d.misfit.search:
@@ -180,6 +182,14 @@ def _sized(causes: list[CauseResult]) -> dict[str, ParameterResult]:
             if owner(name) in c.terms:
                 found.setdefault(name, p)
     return found
+
+
+def _too_weak(d: Diagnosis) -> Iterator[Statement]:
+    """Larger sets that are counted with what is adopted: given a model that is wrong they say nothing."""
+    adopted = d.named if d.verdict != "adequate" else []
+    model = next((c for c in d.causes if c.terms == adopted), None)
+    if model and d.verdict != "unexplained":
+        yield from (TooWeak(adopted, counted, model.parameters) for counted in d.counted)
 
 
 def _unseen(d: Diagnosis) -> Iterator[Statement]:

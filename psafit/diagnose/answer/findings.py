@@ -7,7 +7,7 @@ from typing import Literal
 
 from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.misfit import ALPHA, Character, Objection, Statistic, described
-from psafit.diagnose.record import Broken, ParameterResult, Reading
+from psafit.diagnose.record import Broken, Counted, ParameterResult, Reading
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
@@ -276,8 +276,7 @@ class Sizes(Statement):
     def _by_cause(words: Words, values: list[tuple[str, ParameterResult]]) -> str:
         found: dict[str, list[str]] = {}
         for name, p in values:
-            ends = None if p.lower is None or p.upper is None else (p.lower, p.upper)
-            found.setdefault(owner(name) or "", []).append(words.size(name, p.unit, p.median, ends))
+            found.setdefault(owner(name) or "", []).append(_size(words, name, p))
         each = (words.put("{} {}", words.cause(id), words.listed(texts)) for id, texts in found.items())
         return words.joined("; ", each)
 
@@ -369,6 +368,38 @@ class Unseen(Statement):
             if ids
         )  # fmt: skip
         return words.put("Of {} candidate cause{}, {}.", self.of, "" if self.of == 1 else "s", words.joined("; ", each))
+
+
+@dataclass(frozen=True)
+class TooWeak(Statement):
+    """What may be at work as well, by too little to show, and what it would change of the values."""
+
+    topic = "wrong"
+    adopted: list[str]
+    counted: Counted
+    values: dict[str, ParameterResult]
+
+    def say(self, words: Words) -> str:
+        c = self.counted
+        more = [id for id in c.terms if id not in self.adopted]
+        text = words.put(
+            "{} may be at work{}: odds of {} against {} alone. The readings speak for it by too little to count"
+            " by itself. It would have {}.",
+            words.listed(map(words.cause, more)), " as well" if self.adopted else "", words.number(f"{c.odds:.2g}"),
+            words.causes(self.adopted), words.listed(_size(words, name, p) for name, p in c.parameters.items()),
+        )  # fmt: skip
+        if not c.moved:
+            return text
+        moved = (
+            words.put("{}, not {}", _size(words, name, p), words.number(significant(self.values[name].median)))
+            for name, p in c.moved.items()
+        )
+        return words.put("{} Then {}.", text, words.joined("; ", moved))
+
+
+def _size(words: Words, name: str, p: ParameterResult) -> str:
+    ends = None if p.lower is None or p.upper is None else (p.lower, p.upper)
+    return words.size(name, p.unit, p.median, ends)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from psafit.diagnose.record.models import (
     UNSEEN,
     Apart,
     CauseResult,
+    Counted,
     Evidence,
     ExtensionRun,
     ModelShown,
@@ -54,6 +55,7 @@ __all__ = [
     "Broken",
     "CauseResult",
     "Confusion",
+    "Counted",
     "Diagnosis",
     "DiscrepancyResult",
     "Draft",
@@ -177,6 +179,8 @@ class Diagnosis(Brief):
     unexplained_by : {"", "structure", "smooth", "law", "values"}
         Why what is named does not explain the readings: structure remains, a smooth curve in its place is more
         probable, it breaks a law, or it has implausible values.
+    counted : list of Counted
+        Larger sets that are counted with what is named, or with the baseline of an adequate verdict.
     calibration : Calibration, optional
         How often such a verdict is right at these conditions, where that was asked for.
     influence : Influence, optional
@@ -221,6 +225,7 @@ class Diagnosis(Brief):
     laws: list[Broken] = field(default_factory=list)
     unexplained_by: Why = ""
     by_likelihood: list[list[str]] = field(default_factory=list)
+    counted: list[Counted] = field(default_factory=list)
     calibration: Calibration | None = field(default=None, metadata=ABSENT)
     influence: Influence | None = field(default=None, metadata=ABSENT)
     draft: Draft | None = field(default=None, metadata=ABSENT)

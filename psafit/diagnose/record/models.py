@@ -104,6 +104,28 @@ class CauseResult(Brief):
         return [name for name in self.implausible if name not in scatter]
 
 
+@dataclass(frozen=True)
+class Counted:
+    """A larger set that is counted with the adopted one: the readings speak for it, by too little to show.
+
+    Parameters
+    ----------
+    terms : list of str
+        Its causes, those of the adopted set among them.
+    odds : float
+        Against the adopted set alone, priors included.
+    parameters : dict of str to ParameterResult
+        Of the causes that it has more.
+    moved : dict of str to ParameterResult
+        Parameters that the adopted set has, too, and that would lie outside their interval there.
+    """
+
+    terms: list[str]
+    odds: float
+    parameters: dict[str, ParameterResult]
+    moved: dict[str, ParameterResult]
+
+
 NOT_EXCLUDED = "not excluded"
 """What is said of a cause that does not show, where the readings leave it more than would be seen."""
 

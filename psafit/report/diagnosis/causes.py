@@ -235,7 +235,7 @@ def included(s: ScreeningResult) -> float:
 
     What was not needed counts with the model without it: unless it is excluded, its own share of nothing is none.
     """
-    unknown = s.verdict in (UNSEEN, NO_ACTION) or (s.verdict == NOT_EXCLUDED and s.inclusion == 0.0)
+    unknown = s.verdict in (UNSEEN, NO_ACTION) or (s.verdict != "not present" and s.inclusion == 0.0)
     return math.nan if unknown else s.inclusion
 
 
