@@ -181,7 +181,7 @@ MOTIONS: list[tuple[str, list[str], dict[str, Decimal]]] = [
 
 
 def draw_trace(rng: random.Random, folder: Path) -> Foreign:
-    """Write a launch over time, as vibrometers and oscilloscopes do; arguments as of `draw`."""
+    """Write a launch over time, as vibrometers and oscilloscopes do, with times or without; arguments as of `draw`."""
     separator, scientific = rng.choice(",;\t"), rng.random() < 0.3
     notation = Notation(rng.choice(".,"), "", 9 if scientific else None, scientific)
     column, names, units = rng.choice(MOTIONS)
@@ -194,21 +194,37 @@ def draw_trace(rng: random.Random, folder: Path) -> Foreign:
         heads[1], factor = "CH1 (V)", factor * scale
         options += ["--column", f"CH1 (V)={column}:{scale}{unit}/V"]
     start = rng.choice([0, 0, 5, 12])  # samples before the drive
-    if start:
+    step, given, said = _step(rng)
+    n, timed, stated = rng.choice([12, 40]), rng.random() < 0.7, rng.random() < 0.5
+    above = rng.sample(PREAMBLE, rng.choice([0, 0, 1, 3]))
+    if not timed:
+        options += ["--start", f"{start * step}:us", *([] if stated else ["--step", given])]
+        above = [*(line for line in above if "interval" not in line), *([said] if stated else [])]
+        options += ["--column", f"{heads[1]}={column}"] if heads[1] != "CH1 (V)" else []
+    elif start:
         options += ["--start", "0"]
-    step, n = Decimal(rng.randrange(1, 80)) / 10, rng.choice([12, 40])
     rows, readings = [], []
     for k in range(-start, n):
         cells = [notation.text(float(k * step / TIMES[time_unit])), notation.text(round(rng.uniform(-3, 40), 3))]
-        rows.append(cells)
+        rows.append(cells[not timed :])
         time, value = (notation.value(cell) for cell in cells)
         if k >= 0:
-            held = {"time_us": time * TIMES[time_unit], column: value * factor}
+            held = {"time_us": time * TIMES[time_unit] if timed else k * step, column: value * factor}
             readings += [("sine", f, v, name, float(x)) for name, x in held.items()]
-    above = [[line] for line in rng.sample(PREAMBLE, rng.choice([0, 0, 1, 3]))]
     file = folder / "foreign.csv"
-    file.write_bytes(text(rng, [*above, heads, *rows], separator))
+    file.write_bytes(text(rng, [*([line] for line in above), heads[not timed :], *rows], separator))
     return Foreign(file, tuple(options), tuple(readings))
+
+
+def _step(rng: random.Random) -> tuple[Decimal, str, str]:
+    """A step of samples, us; and how a user and a header say it, as a time or as a rate."""
+    mark = rng.choice([" = ", "=", ": ", ",", ";"])
+    if rng.random() < 0.5:
+        step = Decimal(rng.randrange(1, 80)) / 10
+        return step, f"{step}:us", f"{rng.choice(['Sample interval', '# dt', 'Abtastintervall'])}{mark}{step} us"
+    rate = rng.choice([125, 200, 500, 2000])
+    unit = rng.choice(["kHz", "kSa/s", "kS/s"])
+    return Decimal(1000) / rate, f"{rate}:kHz", f"{rng.choice(['SampleRate', 'Sampling rate'])}{mark}{rate} {unit}"
 
 
 def _row(

@@ -47,6 +47,7 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
 @click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark; detected by default.")
 @click.option("--separator", type=click.Choice(list(_SEPARATORS)), help="Between cells; detected by default.")
 @click.option("--encoding", metavar="NAME", help="Of text, such as cp850; detected by default.")
+@click.option("--step", metavar="TIME[:UNIT]", help="Of samples without times, 1:us; or their rate, 1:MHz.")
 @click.option(
     "--start", metavar="TIME[:UNIT]", help="When the drive starts, on the clock of a trace or of --drive: 1.5:ms."
 )
@@ -74,6 +75,7 @@ def import_files(
     decimal: str | None,
     separator: str | None,
     encoding: str | None,
+    step: str | None,
     start: str | None,
     from_rest: bool,
     every: int,
@@ -91,8 +93,7 @@ def import_files(
     ways is asked for.
     """
     from psafit.experiment import read_experiment
-    from psafit.experiment.importing import Options, read_files, write_import
-    from psafit.experiment.importing.given import moment
+    from psafit.experiment.importing import Options, given, read_files, write_import
     from psafit.experiment.text import shown
     from psafit.files import filling
 
@@ -109,11 +110,12 @@ def import_files(
         separator=_SEPARATORS[separator] if separator else None,
         encoding=encoding,
         sheets=sheets,
-        start_us=None if start is None else moment(start, f"--start {shown(start)}"),
+        step_us=None if step is None else given.step(step, f"--step {shown(step)}"),
+        start_us=None if start is None else given.moment(start, f"--start {shown(start)}"),
         from_rest=from_rest,
         every=every,
         drive_file=drive,
-        period_us=None if period is None else moment(period, f"--period {shown(period)}"),
+        period_us=None if period is None else given.moment(period, f"--period {shown(period)}"),
     )
     imported = _on_rig(read_files(files, options), constants, rig)
     with filling(out):
@@ -207,8 +209,8 @@ def _columns_text(table: Table) -> list[str]:
     form = [f"headings in line {table.header_line}"] if table.header_line else ["no headings"]
     if not table.sheet:
         marks = {".": "decimal point", ",": "decimal comma"}
-        separated = SEPARATORS.get(table.separator, repr(table.separator))
-        form = [table.encoding.replace("_", "-"), f"separated by {separated}", marks[table.decimal], *form]
+        separated = f"separated by {SEPARATORS[table.separator]}" if table.separator else "one column"
+        form = [table.encoding.replace("_", "-"), separated, marks[table.decimal], *form]
     lines = [f"{table.place}: {', '.join(form)}"]
     width = 1 + max(len(column.column) for column in table.columns)
     for column in table.columns:

@@ -122,7 +122,7 @@ ASKED: dict[str, tuple[str, dict[str, Any], str]] = {
     "no unit": (rows(first="Time,Velocity (mm/s)\n"), {}, "--column Time=time_us:us"),
     "no time": (
         rows(first="a,b (um)\n"), column("b (um)", "displacement_um", "um"),
-        "no time_us among 'a', 'b (um)'; add a column of times",
+        "or their rate, --step 1:MHz; of a time that is there --column a=time_us:us",
     ),
     "the drive": (
         rows(first="Time (us),Displacement (um),U (V)\n").replace("\n", ",1\n").replace("(V),1", "(V)"), {},
@@ -201,8 +201,10 @@ def test_drawn_traces_are_read_right_or_asked_about(
     asked = 0
     for number in range(n):
         made = draw(random.Random(f"{seed}-{number}"), tmp_path)
-        if run(monkeypatch, "import", made.file.name, "--out", f"rig{number}", *made.options, *RIG) == 2:
-            (line,) = capsys.readouterr().err.splitlines()
+        code = run(monkeypatch, "import", made.file.name, "--out", f"rig{number}", *made.options, *RIG)
+        said = capsys.readouterr().err  # or what is suspicious
+        if code == 2:
+            (line,) = said.splitlines()
             assert "--decimal" in line or "--column" in line, line
             asked += 1
             continue

@@ -28,6 +28,7 @@ from psafit.experiment.importing.layout import Head, body, find_head, names
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
 from psafit.experiment.importing.recorded import recorded
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
+from psafit.experiment.importing.steps import STEP, counted
 from psafit.experiment.importing.traces import from_start, trace_of
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
 from psafit.experiment.records import CONDITION_COLUMNS, Group
@@ -75,7 +76,7 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
     driven = _recordings(options.drive_file, options) if options.drive_file else []
     sheets = {(grid.file, grid.sheet) for grid, *_ in driven}
     found = [tries for tries in found if (tries[0][0].file, tries[0][0].sheet) not in sheets] or found
-    _check_mappings([*(tries[0] for tries in found), *((grid, head) for grid, head, _ in driven)], options)
+    _check_mappings([*(one for tries in found for one in tries), *((grid, head) for grid, head, _ in driven)], options)
     if driven:
         reads = [(grid, partial(recorded, grid, head, chosen, options)) for grid, head, chosen in driven]
         options = replace(options, drive=_readable(reads, lambda drive: drive))
@@ -90,12 +91,12 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
             ]
             tables.append(_readable(understood, _content))
     faults.end()
-    _check_used(tables, options)
+    _check_used(tables, options, counts=any(grid.counts is not None for grid, *_ in driven))
     return tables
 
 
-def _check_used(tables: Sequence[Table], options: Options) -> None:
-    """What is given for conditions and traces is used by some table.
+def _check_used(tables: Sequence[Table], options: Options, *, counts: bool) -> None:
+    """What is given for conditions and traces is used by some table; `counts` is whether the drive uses a step.
 
     Raises
     ------
@@ -116,6 +117,8 @@ def _check_used(tables: Sequence[Table], options: Options) -> None:
             faults.add(InputError(what, remedy, file=file, line=line))
     given = {"--start": options.start_us is not None, "--from-rest": options.from_rest, "--every": options.every != 1}
     groups = [group for table in tables for group in table.groups]
+    if options.step_us and not (counts or any(STEP in c.headings for table in tables for c in table.columns)):
+        faults.add(InputError("--step is of samples without times, and no table has such", "leave it out"))
     if options.drive and not any(group.drive.table for group in groups):
         faults.add(InputError("--drive is given, and no table has it", f"say --waveform {TABLE}, or leave it out"))
     if options.period_us is not None and not options.drive:
@@ -171,7 +174,8 @@ def _recordings(file: Path, options: Options) -> list[tuple[Grid, Head, Chosen]]
     units = [COLUMNS[name].unit for name in RECORDED]
     for grid, head in _heads(file, replace(options, sheets=()), "voltage_v:V", units):
         try:
-            found.append((grid, head, choose_recording(grid, head, options)))
+            timed, headed, own = counted(grid, head, options, recording=True)
+            found.append((timed, headed, choose_recording(timed, headed, own)))
         except InputError as fault:
             faults.append((head.known, fault))
     if not found:
@@ -184,9 +188,9 @@ def _recordings(file: Path, options: Options) -> list[tuple[Grid, Head, Chosen]]
 
 
 def _is_filled(grid: Grid, head: Head) -> bool:
-    """Whether blanks part rows as they part the headings; other separators do where they are."""
-    widths = (len(row.cells) for row in grid.rows[head.first :])
-    return grid.separator not in BLANKS or any(width == len(head.headings) for width in widths)
+    """Whether blanks part rows as they part the headings; others part some row into no more cells than headings."""
+    widths, n = (len(row.cells) for row in grid.rows[head.first :]), len(head.headings)
+    return any(width == n if grid.separator in BLANKS else 0 < width <= n for width in widths)
 
 
 def _readable(reads: Sequence[tuple[Grid, Callable[[], Read]]], content: Callable[[Read], Hashable]) -> Read:
@@ -206,7 +210,7 @@ def _readable(reads: Sequence[tuple[Grid, Callable[[], Read]]], content: Callabl
     if not found:
         raise faults[0]
     if len({content(one) for _, one in found}) > 1:
-        marks = " and ".join(SEPARATORS.get(grid.separator, repr(grid.separator)) for grid, _ in found)
+        marks = " and ".join(SEPARATORS.get(grid.separator, "none") for grid, _ in found)
         raise InputError(f"can be read with {marks} as separators", "say which: --separator", file=found[0][0].file)
     return found[0][1]
 
@@ -222,9 +226,9 @@ def _check_mappings(found: Sequence[tuple[Grid, Head]], options: Options) -> Non
     faults = Faults()
     for mapping in options.columns:
         if not any(names(mapping, head.headings) for _, head in found):
-            known = [h.text for _, head in found for h in head.headings if h.text]
+            known = list(dict.fromkeys(h.text for _, head in found for h in head.headings if h.text))
             remedy = did_you_mean(mapping.heading, known) if known else "give the number of a column, from 1"
-            place = found[0][0].file if len(found) == 1 else None
+            place = found[0][0].file if len({grid.file for grid, _ in found}) == 1 else None
             faults.add(InputError(f"there is no column {shown(mapping.heading)}", remedy, file=place))
     faults.end()
 
@@ -259,6 +263,7 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
 
 def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_id: int, examples: int) -> Table:
     """A table, read to its last cell."""
+    grid, head, options = counted(grid, head, options)
     chosen = choose(grid, head, options)
     shape = _shape(grid, head, chosen, waveform, options)
     rows = body(grid, head, [c.place for c in chosen.columns], options.most_rows)
@@ -267,7 +272,7 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     found = [r for t in sampled.traces for r in t.samples] if sampled else read
     columns = _columns(chosen, options, sampled.zeros if sampled else {})
     order = list(COLUMNS)
-    cells = {row.line: row.texts for row in rows.rows}
+    cells = {row.line: row.texts[: grid.counts] for row in rows.rows}
     first = list(dict.fromkeys(r.line for r in found[: 100 * examples]))[:examples]
     shown_rows = [Example(line, cells[line], tuple(_values(found, line, order))) for line in first]
     early = ((line, " ".join(filter(None, cells[line]))) for line in sorted(sampled.before if sampled else ()))

@@ -10,7 +10,7 @@ from psafit.experiment.drive_table import SETTING_LIMITS
 from psafit.experiment.importing.chosen import HELD, SHAPES
 from psafit.experiment.importing.numerals import NOTATIONS
 from psafit.experiment.importing.quantities import COLUMNS, Volts
-from psafit.experiment.importing.units import factor_of, unit
+from psafit.experiment.importing.units import factor_of, spacing, unit
 from psafit.experiment.records import CONSTANT_UNITS
 from psafit.experiment.table import CellFault, within
 from psafit.experiment.text import shown
@@ -59,6 +59,17 @@ def moment(text: str, place: str) -> float:
     if found is None or factor is None or "," in number:
         raise InputError(f"{place}: {shown(text)} is no time", "write for example 1.5:ms; us without a unit")
     return float(found * factor)
+
+
+def step(text: str, place: str) -> Decimal:
+    """The time from one sample to the next, us, such as ``1:us``, or a rate, ``1:MHz``; errors as of `value`."""
+    number, colon, said = (part.strip() for part in text.partition(":"))
+    found = NOTATIONS["."].value(number)
+    result = None if found is None or "," in number else spacing(found, said if colon else "us")
+    if result is None:
+        what = f"{place}: {shown(text)} is no time between samples and no rate"
+        raise InputError(what, "write for example 1:us or 1:MHz; us without a unit")
+    return result
 
 
 def _factor(name: str, said: str, target: str) -> Decimal | None:

@@ -45,13 +45,26 @@ class Row:
 
 @dataclass(frozen=True)
 class Grid:
-    """The rows of a text file, under one separator, or of a sheet."""
+    """The rows of a text file, under one separator, or of a sheet.
+
+    Parameters
+    ----------
+    file : Path
+    rows : tuple of Row
+    sheet : str
+        Empty for text.
+    encoding, separator : str
+        Of text; no separator where it has but one column.
+    counts : int or None
+        The column that counts samples, if it was added: it is not in the file.
+    """
 
     file: Path
     rows: tuple[Row, ...]
     sheet: str = ""
     encoding: str = ""
     separator: str = ""
+    counts: int | None = None
 
 
 def text_of(cell: Cell) -> str:
@@ -94,7 +107,9 @@ def grids(file: Path, options: Options) -> list[Grid]:
         except InputError as fault:
             faults.append(fault)
             continue
-        found.append(Grid(file, rows, encoding=encoding, separator=separator))
+        found.append(
+            Grid(file, rows, encoding=encoding, separator=separator if separator in text or options.separator else "")
+        )
     if not found:
         raise faults[0]
     return found
@@ -135,7 +150,8 @@ def _separators(text: str, sample: int = 20_000) -> list[str]:
     marks = [mark for mark in SEPARATORS if len(mark) == 1]
     dialect = clevercsv.Detector().detect(text[:sample], delimiters=marks)
     first = [dialect.delimiter] if dialect and dialect.delimiter else []
-    return list(dict.fromkeys([*first, *(mark for mark in SEPARATORS if mark in text)])) or [","]
+    alone = [mark for mark in marks if mark not in text][:1]  # with it the text is one column
+    return list(dict.fromkeys([*first, *(mark for mark in SEPARATORS if mark in text), *alone]))
 
 
 def _rows(text: str, separator: str, file: Path) -> Iterator[Row]:

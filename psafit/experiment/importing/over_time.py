@@ -13,11 +13,9 @@ from psafit.experiment.importing.chosen import (
     WAVEFORM,
     Chosen,
     Column,
-    all_headings,
     example,
     fault,
     in_volts,
-    nearest,
     option,
     role,
 )
@@ -156,7 +154,7 @@ def voltages(grid: Grid, head: Head, found: Sequence[Column], options: Options, 
             known[column.place] = replace(column, column="")
             what = f"column {column.name} changes along a trace: it may be the drive over time, or another signal"
             remedy = f"say {option(column.option, VOLTAGE, 'V')} or {option(column.option, IGNORED)}"
-            remedy = f"{remedy}; of launches, {option(times[0].option, IGNORED)}"
+            remedy += f"; of launches, {option(times[0].option, IGNORED)}" if not times[0].mapped else ""
             if not is_said:
                 faults.add(fault(grid, head, what, remedy))
     return [known.get(c.place, c) for c in found]
@@ -179,12 +177,7 @@ def _is_constant(timed: _Timed, held: Sequence[int], place: int, options: Option
 
 
 def check_trace(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
-    """A trace has a time, a frequency and an amplitude: in columns, or given."""
-    if not chosen.of(TIME):
-        near = nearest(chosen.unused, head, TIME)
-        what = f"a trace, and no {TIME} among {all_headings(head)}"
-        remedy = f"add a column of times, or say {option('NAME', TIME, 'ms')} for one that is there"
-        faults.add(fault(grid, head, what, f"say {option(near, TIME)}" if near else remedy))
+    """A trace has a frequency and an amplitude: in columns, or given."""
     missing = []
     for name in CONDITION_COLUMNS:
         columns = chosen.of(name)

@@ -115,6 +115,22 @@ COUNTED: dict[Volts, tuple[str, ...]] = {
 }  # fmt: skip
 VOLTS: dict[Volts, str] = {"peak": "zero to peak", "pp": "peak to peak", "rms": "RMS"}
 WAVEFORM_NAMES = {"waveform", "wave form", "wave", "signalform", "kurvenform", "wellenform"}
+# What a header calls the distance of samples, or their rate, by the unit of psafit's; and the unit of its clock.
+STEPS = dict.fromkeys(
+    (
+        "sample interval", "sampling interval", "sample period", "sampling period", "sample time", "time step",
+        "timestep", "time increment", "increment", "x increment", "xincr", "dt", "delta t", "abtastintervall",
+        "abtastperiode", "zeitschritt", "pas de temps",
+    ),
+    "us",
+) | dict.fromkeys(
+    (
+        "sample rate", "samplerate", "sampling rate", "samplingrate", "sample frequency", "sampling frequency",
+        "abtastrate", "abtastfrequenz", "fréquence d échantillonnage",
+    ),
+    "Hz",
+)  # fmt: skip
+CLOCK_UNITS = {"horizontal unit", "horizontal units", "x unit", "x units", "time unit", "time units"}
 # First cell of a row that sums up others.
 SUMMARIES = {
     "mean", "average", "avg", "median", "std", "sd", "std dev", "stdev", "min", "max", "minimum", "maximum", "sum",

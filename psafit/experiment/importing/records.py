@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from pathlib import Path
 
 from psafit.drives import TABLE, Drive
@@ -59,6 +60,8 @@ class Options:
         Of text; None to detect it.
     sheets : tuple of str
         Sheets of a workbook, each a group; empty where only one holds a table.
+    step_us : Decimal or None
+        From one sample to the next, of samples without times; None where a header says it.
     start_us : float or None
         When the drive starts, on the clock of a trace; samples before it are left out. None where none lie before 0.
     from_rest : bool
@@ -88,6 +91,7 @@ class Options:
     separator: str | None = None
     encoding: str | None = None
     sheets: tuple[str, ...] = ()
+    step_us: Decimal | None = None
     start_us: float | None = None
     from_rest: bool = False
     every: int = 1

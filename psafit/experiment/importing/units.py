@@ -15,6 +15,7 @@ from psafit.experiment.importing.quantities import BASES, COUNTED, UNITS, Volts,
 _UNIT = re.compile(r"[A-Za-zµμ]+(?:\^-?[1-3]|[²³])?(?:[/*·][A-Za-zµμ]+(?:\^-?[1-3]|[²³])?){0,2}")
 _RAISED = str.maketrans("⁻¹²³", "-123")
 _SCALED = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,2})?)[\s*]*(\D.*)", re.ASCII)
+_SAMPLES = re.compile(r"^([kMG]?)(?:Sa?|[Ss]amples?)/s(?:ec)?$")
 _VOLTS = re.compile(r"([a-zµμ]?V(?:olts?)?)[\s_.-]*(\S.*)", re.IGNORECASE)
 
 
@@ -92,6 +93,18 @@ def scaled(text: str) -> Unit | None:
     scale = Decimal(found[1]) if found else Decimal(0)
     unit = Unit(found[2], scale=scale) if found and scale else None
     return unit if unit and unit.kind else None
+
+
+def spacing(number: Decimal, text: str, kind: str = "") -> Decimal | None:
+    """Microseconds from one sample to the next, of a time or a rate in a unit; None where it is neither, or not `kind`.
+
+    A rate may be in samples a second: ``MSa/s``.
+    """
+    said = Unit(_SAMPLES.sub(r"\1Hz", text.strip(), count=1))
+    if number <= 0 or said.kind not in ({kind} if kind else {"us", "Hz"}):
+        return None
+    factor = said.factor(said.kind)
+    return factor and (number * factor if said.kind == "us" else 10**6 / (number * factor)).normalize()
 
 
 @cache

@@ -188,7 +188,7 @@ def notation_of(grid: Grid, body: Body, columns: Sequence[Column], options: Opti
 
 def _check_decimals(grid: Grid, body: Body, chosen: Chosen) -> None:
     """Decimals behind a comma would stand in the next column, and be taken for what is left out."""
-    used = {c.place for c in chosen.columns}
+    used = {c.place for c in chosen.columns} - {grid.counts}
     texts = [row.texts for row in body.rows]
     if any(mark in text for row in texts for place, text in enumerate(row) if place in used for mark in ".,"):
         return  # there are decimals, in quotes where they have commas
