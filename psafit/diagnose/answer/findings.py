@@ -394,7 +394,7 @@ class TooWeak(Statement):
             words.put("{}, not {}", _size(words, name, p), words.number(significant(self.values[name].median)))
             for name, p in c.moved.items()
         )
-        return words.put("{} Then {}.", text, words.joined("; ", moved))
+        return words.put("{} With it, {}.", text, words.joined("; ", moved))
 
 
 def _size(words: Words, name: str, p: ParameterResult) -> str:
