@@ -29,7 +29,7 @@ from scipy.special import logsumexp, ndtri
 from scipy.stats import binomtest
 
 from psafit.arrays import FloatArray
-from psafit.experiment import Group, GroupId
+from psafit.experiment import Conditions, Group, GroupId, Plan
 from psafit.files import write_atomically
 from psafit.inference import noise
 from psafit.inference.candidate import candidate_at
@@ -38,6 +38,8 @@ from psafit.inference.problem import Problem
 from psafit.inference.run_folder import Run
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
 from psafit.records import GroupScore, Size, Validation, write_json
+from psafit.simulate import Design
+from psafit.simulate import readings as readings_of
 from psafit.text import fixed
 
 OFFSET_UM = LAUNCH_RANGE.offset
@@ -254,6 +256,43 @@ def predictive(problem: Problem, draws: FloatArray, seed: int) -> list[Predictio
             ranges = everything[:, whole.measured == group.measured[0]]
             result.append(_predicted(problem, group, draws, ranges, rng, chance))
     return result
+
+
+def intervals(run: Run, plan: Plan, *, n_draws: int = 1000) -> FloatArray:
+    """Ends of the central 90 % predictive interval of each reading of a plan, in its unit; (2, n_points).
+
+    They hold what the posterior leaves open, and the scatter of a reading. What sessions have for themselves is drawn
+    from its prior, but for sessions of which the plan holds the very readings that were fitted.
+
+    Parameters
+    ----------
+    run : Run
+    plan : Plan
+    n_draws : int
+        Posterior draws used.
+    """
+    problem, rng = run.problem, np.random.default_rng([run.fit.seed, 5])
+    draws, ends = some_draws(run, n_draws), []
+    for group in plan.groups:
+        session = group.id if _was_fitted(group, problem) else "a session to come"
+        design = Design.of(plan.constants, [group])
+        exact = readings_of(design, problem.theta(draws, [session], rng), problem.terms)
+        drawn = np.empty_like(exact)
+        for k in np.unique(group.measured).tolist():
+            at = np.flatnonzero(group.measured == k)
+            scatter = noise.along(problem.scatter_to_come(draws, k), design.elapsed[at])
+            usual = problem.sigma_to_come(k)
+            known = None if usual is None else np.full(at.size, usual)
+            read = noise.draw(exact[:, at], scatter, known if group.sigma is None else group.sigma[at], rng)
+            drawn[:, at] = read if OBSERVABLES[k].traced else np.maximum(read, 0.0)
+        ends.append(np.quantile(drawn, [0.05, 0.95], axis=0))
+    return np.concatenate(ends, axis=1)
+
+
+def _was_fitted(group: Conditions, problem: Problem) -> bool:
+    if group.id not in problem.group_ids or not isinstance(group, Group):
+        return False
+    return group.reading.tobytes() == problem.experiment.group(group.id).reading.tobytes()
 
 
 def _predicted(

@@ -38,7 +38,9 @@ PICTURES = (".png", ".svg", ".pdf")
 @EXPERIMENT
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter in SI units; repeat.")
 @click.option("--terms", "ids", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
-@click.option("--run", type=Place("input"), help="Take model and medians of this fit or diagnosis.")
+@click.option(
+    "--run", type=Place("input"), help="Take model and medians of this fit or diagnosis; a fit has intervals."
+)
 @click.option(
     "--out", type=Place("file"), help="CSV file; by default standard output, unless something else is asked for."
 )
@@ -65,7 +67,8 @@ def simulate(
     What neither --set nor --run gives has the median of its prior; the strength of a cause must be given. With
     --readings they become an experiment that can be diagnosed: exact or, with --seed, with scatter (--set sigma_rel,
     sigma_abs, nu) and sessions' own values drawn as the model has them. A picture of a diagnosis that ties
-    several sets shows up to four of them, unless --set or --terms asks for one.
+    several sets shows up to four of them, unless --set or --terms asks for one. With the --run of a fit, and neither
+    of these, each reading has its 90 % predictive interval.
     """
     import numpy as np
 
@@ -87,11 +90,13 @@ def simulate(
     chosen = causes(ids) if ids else ()
     given = asked = _assignments(values)
     tied: list[_Model] = []
+    ends = None
     if run is not None:
         (first, *rivals), known = _models_of(run)
         tied = [] if ids or asked else rivals
         chosen = chosen or first[0]
         given = of_sessions(plan, *first, known, quiet, seed is not None) | asked
+        ends = None if ids or asked else _intervals(run, plan)
     measured = [OBSERVABLES[k] for k in np.unique(np.concatenate([g.measured for g in groups]))]
     scatter = () if seed is None else tuple(p for o in measured for p in o.scatter)
     theta = completed(plan, chosen, given, asked, scatter, seed)
@@ -106,7 +111,7 @@ def simulate(
             each = ((t, of_sessions(plan, t, medians, known, quiet=True)) for t, medians in ((chosen, first[1]), *tied))
             models = [(t, list(completed(plan, t, own, {}).values())) for t, own in each]
         curves = _curves(plan, pictured, models, _apart([t for t, _ in models]) if tied else ["simulated"])
-    text = _table(groups, predicted)
+    text = _table(groups, predicted, ends)
     if out is not None:
         write_atomically(out, text.encode())
     elif not quiet and plot is None and readings is None:
@@ -123,7 +128,7 @@ def simulate(
         if not quiet:
             click.echo(f"picture: {shown_path(plot)}")
     content = {"terms": [t.id for t in chosen], "parameters": theta, "engine": result.engine}
-    write_result(json_file, content | _predictions(groups, predicted))
+    write_result(json_file, content | _predictions(groups, predicted, ends))
     return DONE
 
 
@@ -142,24 +147,41 @@ def _curves(
     }
 
 
-def _predictions(groups: Sequence[Conditions], predicted: FloatArray) -> dict[str, object]:
-    """Simulated readings for a result file: a list of launch ranges, or one of each observable by its column."""
+def _intervals(run: Path, plan: Plan) -> FloatArray | None:
+    """Ends of the 90 % intervals of the plan's readings, (2, n_points), by a fit; a diagnosis keeps no draws."""
+    from psafit.diagnose.record import is_diagnosis
+    from psafit.inference.run_folder import load
+    from psafit.validate import intervals
+
+    return None if is_diagnosis(run) else intervals(load(run), plan)
+
+
+def _predictions(groups: Sequence[Conditions], predicted: FloatArray, ends: FloatArray | None) -> dict[str, object]:
+    """Simulated readings for a result file, and where there are `ends`, (2, n_points), those of their 90 % intervals.
+
+    Each is a list of launch ranges, or one of each observable by its column.
+    """
     import numpy as np
 
     from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 
     measured = np.concatenate([g.measured for g in groups])
-    kinds = {OBSERVABLES[k]: predicted[measured == k] for k in np.unique(measured)}
-    if set(kinds) == {LAUNCH_RANGE}:
-        return {"predicted_um": predicted}
-    return {"predicted": {o.column: values for o, values in kinds.items()}}
+    rows = {"predicted": predicted} | ({} if ends is None else dict(zip(("lower", "upper"), ends, strict=True)))
+    kinds = [OBSERVABLES[k] for k in np.unique(measured)]
+    if kinds == [LAUNCH_RANGE]:
+        return {f"{name}_um": values for name, values in rows.items()}
+    at = {o.column: measured == OBSERVABLES.index(o) for o in kinds}
+    return {name: {column: values[here] for column, here in at.items()} for name, values in rows.items()}
 
 
-def _table(groups: Sequence[Conditions], predicted: FloatArray) -> str:
+def _table(groups: Sequence[Conditions], predicted: FloatArray, ends: FloatArray | None) -> str:
     """The CSV of simulated readings, (n_points,), one group after the other, with what was measured.
 
+    Where there are `ends`, (2, n_points), the 90 % interval of a reading stands behind them.
     Where not all are of one observable, a column names it; where there are traces, one gives the time of their samples.
     """
+    import numpy as np
+
     from psafit.experiment import Group, by_group
     from psafit.observables import OBSERVABLES
     from psafit.validate import columns_of
@@ -167,17 +189,19 @@ def _table(groups: Sequence[Conditions], predicted: FloatArray) -> str:
     kinds = dict.fromkeys(o for g in groups for o in g.observables)
     first, said = next(iter(kinds)), len(kinds) > 1
     names = columns_of(first)
-    column = names[names.index(first.column) :][:2]
-    named = ("observable", "measured", "predicted") if said else column
+    column = names[names.index(first.column) :][: 2 if ends is None else 4]
+    named = ("observable", *("measured", "predicted", "lower", "upper")[: len(column)]) if said else column
     timed = any(g.time_us is not None for g in groups)
     rows = [",".join(("group,waveform,frequency_hz,amplitude_v", *(["time_us"] if timed else []), *named))]
-    for g, values in zip(groups, by_group(groups, predicted), strict=True):
+    printed = predicted[:, None] if ends is None else np.column_stack([predicted, *ends])
+    for g, values in zip(groups, by_group(groups, printed), strict=True):
         measured = g.reading.tolist() if isinstance(g, Group) else [""] * g.n_points
         of = [f"{OBSERVABLES[k].column}," if said else "" for k in g.measured]
         times = [""] * g.n_points if g.time_us is None else [repr(t) for t in g.time_us.tolist()]
         at = [f"{t}," if timed else "" for t in times]
-        columns = (g.frequency_hz.tolist(), g.amplitude_v.tolist(), at, of, measured, values.tolist())
-        rows += [f"{g.id},{g.waveform},{f!r},{v!r},{t}{o}{y},{p!r}" for f, v, t, o, y, p in zip(*columns, strict=True)]
+        each = (",".join(map(repr, row)) for row in values.tolist())
+        columns = (g.frequency_hz.tolist(), g.amplitude_v.tolist(), at, of, measured, each)
+        rows += [f"{g.id},{g.waveform},{f!r},{v!r},{t}{o}{y},{p}" for f, v, t, o, y, p in zip(*columns, strict=True)]
     return "\n".join(rows) + "\n"
 
 

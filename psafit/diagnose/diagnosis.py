@@ -238,9 +238,8 @@ class Work:
         if not self.drawing:
             self._forget()
         numerics = refine(adopted.problem, adopted.modes[:1], experiment.fingerprint)
-        write_predictions(
-            self.folder / PREDICTIONS, predictive(adopted.problem, draws.resampled(self.settings.draws), self.seed)
-        )
+        rows = predictive(adopted.problem, draws.resampled(self.settings.draws), self.seed)
+        write_predictions(self.folder / PREDICTIONS, rows)
         with self._stage("next experiment"):
             most = self.settings.rehearsed
             proposal = _next(judgement, self.seed, most, None if quick else self.watcher)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import shutil
 from dataclasses import replace
@@ -28,8 +27,11 @@ from psafit.experiment import (
     writer,
 )
 from psafit.inference.problem import Problem
+from psafit.inference.run_folder import load
+from psafit.observables import LAUNCH_SPEED, OBSERVABLES
 from psafit.physics import terms
 from psafit.records import write_json
+from psafit.validate import intervals, predict
 
 
 def test_names_of_a_sessions_own_hold_its_id(known: Experiment) -> None:
@@ -259,9 +261,35 @@ def test_simulate_takes_the_medians_of_a_fit(fitted: Path, known_folder: Path, t
     medians = {p["name"]: p["median"] for p in json.loads((fitted / "posterior.json").read_text())["parameters"]}
     assert reported["parameters"] == {name: medians[name] for name in reported["parameters"]}
     assert sorted(reported["parameters"]) == ["c_c", "c_s", "k_c"]
-    here = [float(row.split(",")[-1]) for row in (tmp_path / "s.csv").read_text().splitlines()[1:]]
-    with (fitted / "predictions.csv").open(newline="") as file:
-        there = [float(row["predicted_um"]) for row in csv.DictReader(file)]
-    assert here == pytest.approx(there, rel=0.05, abs=0.05)
+    here, there = (pandas.read_csv(file).predicted_um for file in (tmp_path / "s.csv", fitted / "predictions.csv"))
+    assert here.tolist() == pytest.approx(there.tolist(), rel=0.05, abs=0.05)
     assert run(monkeypatch, *words, "--quiet", "--set", "k_c=1e6") == 0
     assert json.loads((tmp_path / "s.json").read_text())["parameters"] == reported["parameters"] | {"k_c": 1e6}
+
+
+def test_a_fit_predicts_with_intervals(fitted: Path, known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    """Of conditions that were measured those that the fit itself has scored."""
+    words = ["simulate", known_folder, "--run", fitted]
+    assert run(monkeypatch, *words, "--out", tmp_path / "s.csv", "--json", tmp_path / "s.json") == 0
+    table, kept = pandas.read_csv(tmp_path / "s.csv"), json.loads((tmp_path / "s.json").read_text("utf-8"))
+    assert list(table.columns)[-4:] == ["launch_range_um", "predicted_um", "lower_um", "upper_um"]
+    scored = predict(load(fitted))
+    for name in ("lower", "upper"):
+        usual = np.concatenate([getattr(p, name) for p in scored])
+        assert table[f"{name}_um"].to_numpy() == pytest.approx(usual, rel=0.15, abs=0.3)
+        assert kept[f"{name}_um"] == table[f"{name}_um"].tolist()
+    assert ((table.lower_um <= table.predicted_um) & (table.predicted_um <= table.upper_um)).all()
+    capsys.readouterr()
+    assert run(monkeypatch, *words, "--set", "k_c=1e6") == 0
+    assert "lower_um" not in capsys.readouterr().out, "no posterior has such a value"
+
+
+def test_intervals_of_what_was_not_read_have_the_usual_scatter(fitted: Path, known: Experiment) -> None:
+    group, fast = known.groups[0], OBSERVABLES.index(LAUNCH_SPEED)
+    planned = Conditions(
+        "to come", "sine", "", group.frequency_hz, group.amplitude_v, measured=np.full(group.n_points, fast)
+    )
+    lower, upper = intervals(load(fitted), Plan(known.constants, (planned, replace(group, id="again")), ()))
+    n = group.n_points
+    assert lower.shape == (2 * n,) and (upper > lower).all() and (lower >= 0).all()
+    assert not np.allclose(lower[:n], lower[n:])

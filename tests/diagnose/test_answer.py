@@ -282,6 +282,8 @@ def test_what_may_be_at_work_as_well_is_said_with_what_it_would_change() -> None
     (weak,) = of(adequate, TooWeak)
     said = weak.say(PLAIN)
     assert said.startswith("amplifier_lag may be at work: odds of 1.3 against the baseline alone.")
-    assert "It would have amplifier_lag_tau = 3.2e-05 (1.8e-05 to 4.3e-05) s. With it, k_c = 2 (1 to 3) N/m, not" in said
+    assert (
+        "It would have amplifier_lag_tau = 3.2e-05 (1.8e-05 to 4.3e-05) s. With it, k_c = 2 (1 to 3) N/m, not" in said
+    )
     assert "With it" not in replace(weak, counted=replace(counted, moved={})).say(PLAIN)
     assert not of(replace(adequate, verdict="unexplained", named=["gap"]), TooWeak), "a wrong model says nothing of it"
