@@ -1,4 +1,4 @@
-"""psafit: fit contact-impact drives, and find what the simulation gets wrong.
+"""psafit: fit the simulation of a piezo stack that kicks a ball, and find what it gets wrong.
 
 For a notebook: ``rig = psafit.open("experiments/psa")``, then ``rig.fit([1])`` and ``rig.diagnose(quick=True)``.
 """

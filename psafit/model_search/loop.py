@@ -17,7 +17,7 @@ and which come within the window if each does as much there as it does at most a
 neighbours that do as well. All of them were fitted once, and none came near.)
 
 A cause may do much of what two do together, and lead though neither of them does as much alone. So where the tests of
-misfit fail by the single cause that leads, all pairs of causes that show are fitted from known optima, before it gets
+misfit reject the single cause that leads, all pairs of causes that show are fitted from known optima, before it gets
 others.
 
 What leads early on is a part of all that follows, and many causes may do as well as many others. So where the best has
@@ -25,10 +25,10 @@ more causes than fits find from the prior, the search goes up again without each
 higher. What it meets that comes near is treated like all others. (Without such ways the study's readings led to a set
 19 nats of evidence below another with two causes in common.)
 
-Two causes may show together and neither alone. Where no cause shows, and yet the tests of misfit fail, all pairs of the
-catalogue are fitted from known optima, too.
+Two causes may show together and neither alone. Where no cause shows, and yet the tests of misfit reject the baseline,
+all pairs of the catalogue are fitted from known optima, too.
 
-A cause may hold all the others at values from which no way leads to the truth. So where the tests fail by what leads in
+A cause may hold all the others at values from which no way leads to the truth. So where the tests reject what leads in
 the end, and it has no more causes than fits find from the prior, the next best models that show, and have no more
 causes than it, get all their neighbours like the best, one after another. (Without, a single cause of 55 nats hid
 three of 164.)
@@ -225,22 +225,22 @@ class _Known(Generic[Content]):
 
     def expand(self, model: Model[Content], highest: float) -> None:
         """Fit the next kind of a model's neighbours; of all models the best has the value `highest`."""
-        s, larger, sound = self.settings, self.done[model.ids] > 0, self.shows(model)
+        s, larger, shows = self.settings, self.done[model.ids] > 0, self.shows(model)
         self.done[model.ids] += 1
         (wanted,) = self.wanted([model], highest, [larger])
         new = [ids for ids in wanted if ids not in self.models]
         self.keep(self.fitter.again([self.models[ids] for ids in wanted if ids in self.models], model))
         few = s.most_causes if self.value(model) >= highest else s.from_prior
-        fully = [ids for ids in new if (sound and len(ids) <= few if larger else len(ids) < len(model.ids))]
+        fully = [ids for ids in new if (shows and len(ids) <= few if larger else len(ids) < len(model.ids))]
         carried = self.carry([ids for ids in new if ids not in fully])
         least = max(self.value(m) for m in self.models.values() if self.shows(m)) - s.window - 2.0 * s.short_by
-        near = [m for m in carried if self.value(m) >= least and ((sound and not larger) or self.shows(m))]
+        near = [m for m in carried if self.value(m) >= least and ((shows and not larger) or self.shows(m))]
         self.keep(self.fitter.short([*fully, *(m.ids for m in near)], self.models))
 
     def wanted(
         self, models: Sequence[Model[Content]], highest: float, larger: Sequence[bool] = (False, True)
     ) -> list[list[Ids]]:
-        """Neighbours that each model gets, no larger and larger; of one that shows and does not lead, the promising."""
+        """Return the neighbours to fit of each model; of one that shows and does not lead those that may come near."""
         most = self.settings.most_causes
         both = [(exchanged(m.ids, self.catalogue), enlarged(m.ids, self.catalogue, most)) for m in models]
         found = [[ids for kind in larger for ids in kinds[kind]] for kinds in both]

@@ -256,7 +256,7 @@ class Agreement:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """All of it."""
+    """The reproduction of a study: its claims, and what explains each."""
 
     title: str
     source: str

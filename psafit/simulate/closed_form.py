@@ -8,7 +8,7 @@ leaves the indentation :math:`d = x_1 - x_2` as the response to the drive voltag
     P(s) = (m s^2 + c_s s + k_s)(M s^2 + c_c s + k_c) + M s^2 (c_c s + k_c),
 
 so that :math:`d(t) = \operatorname{Re} \sum_k a_k e^{s_k t}` over the four poles of :math:`1/P` and, for a sine,
-the pole :math:`i\omega` of the drive. A square wave restarts the sum at each switch. At the separation
+the pole :math:`i\omega` of the drive. A jump or corner of the drive restarts the sum. At the separation
 :math:`d = 0`, so the damper has given back what it took and the ball's speed is that of the spring's impulse,
 :math:`v = (k_c/M) \int_0^{t} d`: positive whenever there is a separation at all.
 
