@@ -2,8 +2,8 @@
 
 For each tie one side makes readings without scatter, at a plausible strength, and the other side is fitted to them with
 the baseline, by least squares in units of the scatter. What is left, in nats, is what readings would speak against the
-wrong side: of launch ranges alone, and with another observable read of the same launches. Every refit that is done is
-kept in a file, and not done again.
+wrong side: of launch ranges alone, with another observable read of the same launches, and with the ball's velocity
+over time in one launch more. Every refit that is done is kept in a file, and not done again.
 
     python benchmarks/ties.py --out fits/ties.jsonl
 """
@@ -23,13 +23,16 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
+from psafit.arrays import FloatArray
 from psafit.diagnose.isolability import IsolabilitySettings
-from psafit.experiment import Experiment, read_experiment
+from psafit.diagnose.possible import TraceSettings, contact_times, traces
+from psafit.experiment import Experiment, Group, read_experiment
 from psafit.inference import noise
 from psafit.inference.optimise import gradient
 from psafit.inference.problem import Problem
-from psafit.observables import OBSERVABLES, OF_LAUNCHES
+from psafit.observables import OBSERVABLES, OF_LAUNCHES, VELOCITY
 from psafit.physics import baseline, terms
+from psafit.simulate import Design, simulate
 from psafit.simulate.sensitivity import RIGS, in_scatter, plausible
 
 STUDY = Path(__file__).resolve().parents[1] / "experiments" / "psa"
@@ -47,7 +50,8 @@ TIES = (
     ("hunt_crossley", "no_tension"),
     ("hysteresis+stroke_tolerance", "hysteresis+amplifier_lag"),
 )
-SETS = tuple(tuple(sorted({0, k})) for k in range(len(OF_LAUNCHES)))
+TRACED = OBSERVABLES.index(VELOCITY)
+SETS = tuple(tuple(sorted({0, k})) for k in (*range(len(OF_LAUNCHES)), TRACED))
 
 
 @dataclass(frozen=True)
@@ -75,8 +79,8 @@ class Refit:
     nats: float
 
 
-def conditions(every: int) -> Experiment:
-    """The study's conditions, one in so many of them, with all observables read of each launch."""
+def conditions(every: int, traced_hz: float) -> Experiment:
+    """The study's conditions, one in so many of them, with all observables read of each launch, and one more traced."""
     study = read_experiment(STUDY)
     groups = []
     for g in study.groups:
@@ -84,7 +88,22 @@ def conditions(every: int) -> Experiment:
         rows, kinds = np.tile(np.arange(g.n_points), len(OF_LAUNCHES)), np.repeat(range(len(OF_LAUNCHES)), g.n_points)
         g = g.at(rows)
         groups.append(replace(g, row=rows, measured=kinds))
-    return replace(study, groups=tuple(groups))
+    return replace(study, groups=(*groups, traced(study, traced_hz)))
+
+
+def traced(study: Experiment, near: float) -> Group:
+    """The ball's velocity in the launch that `psafit plan --isolability` would try at the frequency nearest to this."""
+
+    def contact(design: Design) -> FloatArray:
+        return np.asarray(np.fmax.reduce([contact_times(simulate(design, theta))[0] for theta in RIGS.values()]))
+
+    possible = traces(study.constants, study.groups, study.limits, contact, TraceSettings())
+    designs = [p.design for p in possible if p.design.measured[0] == TRACED]
+    d = min(designs, key=lambda d: abs(np.log(d.frequency[0] / near)))
+    return Group(
+        len(study.groups) + 1, d.drives[0], "trace.csv", d.frequency, d.amplitude, time_us=1e6 * d.time,
+        measured=d.measured, reading=np.ones(d.n_points),
+    )  # fmt: skip
 
 
 def start(problem: Problem, theta: Sequence[float], share: float, rng: np.random.Generator | None) -> np.ndarray:
@@ -134,7 +153,7 @@ def left(
 
 def refits(words: argparse.Namespace, done: set[tuple[str, ...]]) -> Iterator[Refit]:
     """Those that are not done yet."""
-    experiment = conditions(words.every)
+    experiment = conditions(words.every, words.traced)
     for (one, other), place in itertools.product(TIES, words.places):
         for truth, rival in ((one, other), (other, one)):
             if (truth, rival, place) in done:
@@ -159,26 +178,32 @@ def key(one: Refit) -> tuple[str, str, str, str]:
 
 
 def names(kinds: Sequence[int]) -> list[str]:
-    return [OF_LAUNCHES[k].name for k in kinds]
+    return [OBSERVABLES[k].name for k in kinds]
 
 
 def table(found: Sequence[Refit], apart: float) -> str:
-    """A row for each side of a tie that launch ranges leave at some place, and in a cell the places one by one."""
-    heads = ["ranges" + (f" and {OF_LAUNCHES[s[-1]].plural}" if s[1:] else "") for s in SETS]
+    """A row for each side of a tie that launch ranges leave at some place, and in a cell the places one by one.
+
+    A dash stands where the cause shows in no launch range.
+    """
+    also = [("" if k == 0 else " and a trace" if k == TRACED else f" and {OBSERVABLES[k].plural}") for *_, k in SETS]
+    heads = [f"ranges{what}" for what in also]
     lines = [f"| readings of | fitted by | {' | '.join(heads)} |", "|---|---|" + "---|" * len(SETS)]
     for truth, rival in (side for pair in TIES for side in (pair, pair[::-1])):
         by = {(r.place, *r.observables): r for r in found if (r.truth, r.rival) == (truth, rival)}
         places = [p for p in RIGS if (p, *names(SETS[0])) in by and by[p, *names(SETS[0])].seen >= apart]
         if not any(by[p, *names(SETS[0])].nats < apart for p in places):
             continue
-        cells = [" / ".join(said(by.get((p, *names(kinds))), p in places) for p in RIGS) for kinds in SETS]
+        each = [{p: by[p, *names(kinds)].nats for p in places} for kinds in SETS]
+        cells = [" / ".join(said(nats[p], each[0][p], apart) if p in nats else "–" for p in RIGS) for nats in each]
         lines.append(f"| `{truth}` | `{rival}` | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def said(one: Refit | None, visible: bool) -> str:
-    """What is left, in nats; a dash where the cause shows in no launch range."""
-    return f"{one.nats:.1f}" if one and visible and one.nats < 10 else f"{one.nats:.0f}" if one and visible else "–"
+def said(nats: float, ranges: float, apart: float) -> str:
+    """What is left, in nats; bold where ranges alone leave too little."""
+    text = f"{nats:.1f}" if nats < 10 else f"{nats:.0f}"
+    return f"**{text}**" if ranges < apart <= nats else text
 
 
 def main() -> int:
@@ -186,6 +211,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, help="keeps the refits, one a line")
     parser.add_argument("--every", type=int, default=7, help="one in so many of the study's conditions")
+    parser.add_argument("--traced", type=float, default=2700.0, help="the launch that is traced is nearest to it, Hz")
     parser.add_argument("--share", type=float, default=0.7, help="strength of the truth, as a share of its prior")
     parser.add_argument("--starts", type=float, nargs="+", default=[0.2, 0.7], help="strengths a rival starts from")
     parser.add_argument("--evaluations", type=int, default=20, help="of least squares, at most")

@@ -20,8 +20,8 @@ from psafit.physics import TERMS, terms
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
-yardstick, search_sets, estimates, null_leads, cases, peers, work_precision = map(
-    import_module, ("search", "search_sets", "estimates", "null_leads", "cases", "peers", "work_precision")
+yardstick, search_sets, estimates, null_leads, cases, peers, work_precision, ties = map(
+    import_module, ("search", "search_sets", "estimates", "null_leads", "cases", "peers", "work_precision", "ties")
 )
 
 
@@ -133,6 +133,21 @@ def test_the_command_fails_where_a_search_became_worse(
         monkeypatch.setattr(sys, "argv", ["search.py", "--compare", *order])
         assert yardstick.main() == status
         assert "in one of the files alone: two" in capsys.readouterr().out
+
+
+def test_ties_are_also_looked_at_with_a_trace_of_one_launch() -> None:
+    """That a plan would try; a table marks what it raises above three nats."""
+    *swept, trace = ties.conditions(40, 2700.0).groups
+    assert not any(g.time_us is not None for g in swept) and [o.name for o in trace.observables] == ["velocity"]
+    assert set(trace.frequency_hz) == {2700.0} and set(trace.amplitude_v) == {20.0} and trace.n_points == 64
+    found = [
+        ties.Refit("preload", "flight_friction", place, ties.names(kinds), seen, nats + (kinds[-1] == ties.TRACED))
+        for place, seen, nats in (("study", 50.0, 2.2), ("hard", 50.0, 7.0), ("damped", 1.0, 0.5))
+        for kinds in ties.SETS
+    ]
+    heads, _, row = ties.table(found, 3.0).splitlines()
+    assert heads.endswith("| ranges and forces | ranges and a trace |")
+    assert row.endswith("| 2.2 / 7.0 / – | **3.2** / 8.0 / – |")
 
 
 def test_what_is_not_known_is_left_empty() -> None:
