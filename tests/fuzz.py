@@ -135,8 +135,7 @@ def prepare(folder: Path) -> None:
     hidden = make(4, folder / "challenge", design_of=data, terms=CAUSES)
     few(hidden.experiment, ("a",), folder / "challenge" / "diagnosis", quick=True)
     # Its own conditions, small as they are, instead of drawn ones.
-    specs = plan(11, terms=CAUSES[:1], each=0, nothing=2, pairs=0, drawn=0)
-    assert all(spec.design == "given" for spec in specs)
+    specs = plan(11, terms=CAUSES[:1], each=0, nothing=2, pairs=0, drawn=0, designs=0)
     run_campaign(specs, folder / "campaign", design_of=data, diagnose=few, jobs=1)
     claims = (ROOT / "experiments" / "psa" / "published.toml").read_text("utf-8")
     (rig / "published.toml").write_text(re.sub(r"(?m)^group = .*$", 'group = "a"', claims), "utf-8")
