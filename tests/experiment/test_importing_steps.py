@@ -91,6 +91,10 @@ ASKED: dict[str, tuple[str, dict[str, Any], str]] = {
         column("# dt = 1 us", "Displacement (um)").replace("0.51\n", "0.51\n\n"), {},
         "trace.csv:5: no sample stands here",
     ),
+    "several, one below the other": (
+        "f (Hz);Vp;Displacement (um)\n" + "".join(f"{f};20;{k}\n" for f in (1200, 1600) for k in range(12)),
+        {"step_us": Decimal(1), "values": ()}, "give each trace a column or a file of its own",
+    ),
     "a word": (column("# dt = 1 us", "Displacement (um)").replace("0.51\n", "over\n"), {}, "'over' stands between"),
     "no use": (
         "Time (us),Velocity (mm/s)\n" + "".join(f"{k},{k}\n" for k in range(12)), {"step_us": Decimal(1)},
@@ -104,6 +108,16 @@ def test_what_is_not_said_is_asked_for(text: str, options: dict[str, Any], said:
     with pytest.raises(InputError) as caught:
         read(tmp_path, text, **options)
     assert said in str(caught.value) and len(str(caught.value).splitlines()) == 1
+
+
+def test_each_column_is_a_trace(tmp_path: Path) -> None:
+    heads = ";".join(f"Displacement {f} kHz, 40 Vpp (um)" for f in ("1.2", "1.6"))
+    file = tmp_path / "wide.csv"
+    file.write_text(f"Sample rate;100 kHz\n{heads}\n" + "".join(f"{y};{y + 1}\n" for y in MOTION), encoding="utf-8")
+    (table,) = read_files([file], Options(waveforms=("sine",), start_us=0.0))
+    assert [(g.frequency_hz[0], g.amplitude_v[0]) for g in table.groups] == [(1200.0, 20.0), (1600.0, 20.0)]
+    for group in table.groups:
+        assert group.time_us is not None and group.time_us.tolist() == [10.0 * k for k in range(12)]
 
 
 def test_launches_below_a_sample_interval_remain_launches(tmp_path: Path) -> None:

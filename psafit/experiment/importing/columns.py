@@ -27,7 +27,7 @@ from psafit.experiment.importing.chosen import (
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Head, names
 from psafit.experiment.importing.numerals import is_number, likeliest
-from psafit.experiment.importing.over_time import check_trace, is_trace, over_time, voltages
+from psafit.experiment.importing.over_time import check_trace, is_trace, voltages
 from psafit.experiment.importing.quantities import COLUMNS, QUANTITIES, VOLTS, Volts
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.importing.units import Unit, factor_of
@@ -142,9 +142,7 @@ def _mapped(grid: Grid, head: Head, options: Options, faults: Faults) -> dict[in
 def _recognised(head: Head, mapped: dict[int, Column], *, traced: bool) -> list[Column]:
     """Each column with what it is: empty for unknown, or `"ignore"`."""
     other = ("reading", "error") if traced else ("trace",)
-    could = [
-        [q for q in over_time(h, u) if q.role not in other] for h, u in zip(head.headings, head.units, strict=True)
-    ]
+    could = [[q for q in h.over_time(u) if q.role not in other] for h, u in zip(head.headings, head.units, strict=True)]
     sure = {some[0].column for some in could if len(some) == 1} | {c.column for c in mapped.values()}
     found = []
     for place, heading in enumerate(head.headings):

@@ -97,6 +97,10 @@ class Heading:
             found = [q for q in QUANTITIES if q.role == "reading" and q.unit == said.kind][:1]
         return found
 
+    def over_time(self, below: Unit | None = None) -> list[Quantity]:
+        """What the column may hold; with conditions in its heading also a motion at these."""
+        return self.quantities(below) or [q for q in self.without_conditions.quantities(below) if q.role == "trace"]
+
     def _called(self, quantity: Quantity, said: Unit | None) -> bool:
         bare = " ".join(w for w in self.name.split() if w not in NEUTRAL)
         if not bare:  # a unit alone says what it is of

@@ -85,7 +85,7 @@ def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_li
         units, first = _units(grid, headings, index + 1, options)
         mapped = {place: m.column for m in options.columns for place in names(m, headings)}
         others = [(h, u) for k, (h, u) in enumerate(zip(headings, units, strict=True)) if k not in mapped]
-        known = {h.quantities(u)[0].column for h, u in others if h.quantities(u)}
+        known = {could[0].column for h, u in others if (could := h.over_time(u))}
         known |= {kind for h, u in others if (kind := _kind(h, u)) in of_unit}
         if _holds(row, options):
             if begun or not known:

@@ -20,12 +20,10 @@ from psafit.experiment.importing.chosen import (
     role,
 )
 from psafit.experiment.importing.grid import Grid, Row
-from psafit.experiment.importing.headings import Heading
 from psafit.experiment.importing.layout import Head
 from psafit.experiment.importing.numerals import Number, is_number, likeliest
 from psafit.experiment.importing.quantities import COLUMNS, VOLTS, Quantity
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
-from psafit.experiment.importing.units import Unit
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.trace_table import TIME, TRACES
 
@@ -67,7 +65,7 @@ def is_trace(grid: Grid, head: Head, mapped: Mapping[int, Column], options: Opti
     said = {c.column for c in mapped.values()}
     if not said.isdisjoint(TRACES):
         return True
-    could = {k: over_time(h, head.units[k]) for k, h in enumerate(head.headings) if k not in mapped}
+    could = {k: h.over_time(head.units[k]) for k, h in enumerate(head.headings) if k not in mapped}
     columns = said | {q.column for each in could.values() for q in each}
     motions = [place for place, each in could.items() if any(q.role == "trace" for q in each)]
     if not motions or TIME not in columns:
@@ -92,14 +90,6 @@ def is_trace(grid: Grid, head: Head, mapped: Mapping[int, Column], options: Opti
         what = f"column {column.name} may be a trace over time, or read of launches, and the time a clock"
         faults.add(fault(grid, head, what, f"say {option(column.option, motion)} or {option(column.option, other)}"))
     return True
-
-
-def over_time(named: Heading, below: Unit | None) -> list[Quantity]:
-    """What a column may hold; a heading that names conditions may be that of a motion at these."""
-    found = named.quantities(below)
-    if found or not named.at:
-        return found
-    return [q for q in named.without_conditions.quantities(below) if q.role == "trace"]
 
 
 def _launched(each: Sequence[Quantity]) -> bool:
@@ -212,4 +202,4 @@ def _check_volts(grid: Grid, head: Head, column: Column, options: Options, fault
         faults.add(fault(grid, head, what, f"say --volts {', --volts '.join(VOLTS)}, or write Vpp"))
 
 
-__all__ = ["check_trace", "is_trace", "over_time", "voltages"]
+__all__ = ["check_trace", "is_trace", "voltages"]

@@ -14,7 +14,6 @@ from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
 from psafit.experiment.importing.layout import Head, body, names
 from psafit.experiment.importing.numerals import NOTATIONS, is_number
-from psafit.experiment.importing.over_time import over_time
 from psafit.experiment.importing.quantities import BLANKS, CLOCK_UNITS, COMMENTS, STEPS
 from psafit.experiment.importing.records import Mapping, Options
 from psafit.experiment.importing.units import Unit, spacing
@@ -95,7 +94,7 @@ def _moving(grid: Grid, head: Head, options: Options) -> list[int]:
         Where they may be launches.
     """
     mapped = _mapped(head, options)
-    could = {k: over_time(h, head.units[k]) for k, h in enumerate(head.headings) if k not in mapped}
+    could = {k: h.over_time(head.units[k]) for k, h in enumerate(head.headings) if k not in mapped}
     columns = {*mapped.values(), *(q.column for each in could.values() for q in each)}
     said = [k for k, column in mapped.items() if role(column) == "trace"]
     motions = [k for k, each in could.items() if any(q.role == "trace" for q in each)]

@@ -110,6 +110,7 @@ def _apart(grid: Grid, found: Sequence[Reading]) -> list[list[Reading]]:
         if (at := runs_on(parts, times)) is not None:
             what = f"{TIME} goes on to {times[at]:g} where another trace begins, and its drive starts at a time unknown"
             remedy = "count the time of each trace from the start of its own drive"
+            remedy = remedy if grid.counts is None else "give each trace a column or a file of its own"
             raise InputError(what, remedy, file=grid.file, line=samples[at].line)
         apart += [[samples[k] for k in part] for part in parts]
     return sorted(apart, key=lambda part: (part[0].line, part[0].place))
