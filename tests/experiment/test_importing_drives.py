@@ -195,6 +195,15 @@ def test_the_command_writes_the_drive_and_check_reads_it(
     assert "the simulation is the same for every row" in warning
 
 
+def test_a_recording_of_one_row_is_no_drive(tmp_path: Path) -> None:
+    """Next to a trace; it was a traceback."""
+    file = tmp_path / "trace.csv"
+    file.write_text("Time (us),Displacement (um),Drive (V)\n0,1,0\n", encoding="utf-8")
+    with pytest.raises(InputError, match="no sample lies after the start of the drive"):
+        held = (("frequency_hz", 1200.0), ("amplitude_v", 20.0))
+        read_files([file], Options(values=held, columns=(Mapping("Drive (V)", "voltage_v", Unit("V")),)))
+
+
 def test_readings_in_a_sensors_volts_have_their_known_errors(tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
     file.write_text("f (Hz);Vp;Launch (mV);Sigma (mV);Range (um);Sigma range (nm)\n1;20;3000;10;;\n2;20;;;76;2000\n")

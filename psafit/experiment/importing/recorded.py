@@ -88,7 +88,7 @@ def drive_of(grid: Grid, samples: Sequence[Reading], options: Options) -> Drive:
     if VOLTAGE not in dict(samples[0].values):
         return samples[0].drive
     time, volts = _over_time(grid, samples, options)
-    if time[-1] < 0.0:
+    if time[-1] <= 0.0:
         what = "no sample lies after the start of the drive"
         raise InputError(what, "correct --start", file=grid.file, line=samples[-1].line)
     idle = _idle(grid, samples, volts, options)
