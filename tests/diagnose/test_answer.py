@@ -250,14 +250,14 @@ def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, reported: str
         (
             "adequate",
             [],
-            "preload may be at work, too: added to the baseline and refitted, it changes a reading by up to 7.5 % (95 %"
-            " limit). That is the most among the causes that could be bounded (1 of 3).",
+            "The most that these readings leave to a further cause: preload changes a reading by up to 7.5 % (95 % limit),"
+            " added to the baseline and refitted. Of 3 causes 1 could be bounded.",
         ),
         (
             "explained",
             ["gap"],
-            "preload may be at work, too: added to gap and refitted, it changes a reading by up to 7.5 % (95 % limit)."
-            " That is the most among the causes that could be bounded (1 of 2).",
+            "The most that these readings leave to a further cause: preload changes a reading by up to 7.5 % (95 % limit),"
+            " added to gap and refitted. Of 2 causes 1 could be bounded.",
         ),
         ("unexplained", [], None),
     ],
@@ -281,9 +281,9 @@ def test_what_may_be_at_work_as_well_is_said_with_what_it_would_change() -> None
     adequate = replace(d, verdict="adequate", named=[], alternatives=[], counted=[counted])
     (weak,) = of(adequate, TooWeak)
     said = weak.say(PLAIN)
-    assert said.startswith("amplifier_lag may be at work: odds of 1.3 against the baseline alone.")
-    assert (
-        "It would have amplifier_lag_tau = 3.2e-05 (1.8e-05 to 4.3e-05) s. With it, k_c = 2 (1 to 3) N/m, not" in said
+    assert said.startswith(
+        "Perhaps at work, but too weak to count by itself: amplifier_lag, with amplifier_lag_tau = 3.2e"
     )
+    assert "The odds are 1.3 against the baseline. With it, k_c = 2 (1 to 3) N/m, not" in said
     assert "With it" not in replace(weak, counted=replace(counted, moved={})).say(PLAIN)
     assert not of(replace(adequate, verdict="unexplained", named=["gap"]), TooWeak), "a wrong model says nothing of it"

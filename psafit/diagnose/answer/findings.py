@@ -383,10 +383,10 @@ class TooWeak(Statement):
         c = self.counted
         more = [id for id in c.terms if id not in self.adopted]
         text = words.put(
-            "{} may be at work{}: odds of {} against {} alone. The readings speak for it by too little to count"
-            " by itself. It would have {}.",
-            words.listed(map(words.cause, more)), " as well" if self.adopted else "", words.number(f"{c.odds:.2g}"),
-            words.causes(self.adopted), words.listed(_size(words, name, p) for name, p in c.parameters.items()),
+            "Perhaps at work, but too weak to count by itself: {}, with {}. The odds are {} against {}.",
+            words.listed(map(words.cause, more)),
+            words.listed(_size(words, name, p) for name, p in c.parameters.items()),
+            words.number(f"{c.odds:.2g}"), words.causes(self.adopted),
         )  # fmt: skip
         if not c.moved:
             return text
@@ -435,8 +435,8 @@ class Room(Statement):
 
     def say(self, words: Words) -> str:
         return words.put(
-            "{} may be at work, too: added to {} and refitted, it changes a reading by up to {} (95 % limit). That is"
-            " the most among the causes that could be bounded ({} of {}).",
-            words.cause(self.cause), words.causes(self.adopted), words.fraction(max(self.share, self.least)),
-            self.bounded, self.of,
+            "The most that these readings leave to a further cause: {} changes a reading by up to {} (95 % limit),"
+            " added to {} and refitted. Of {} causes {} could be bounded.",
+            words.cause(self.cause), words.fraction(max(self.share, self.least)), words.causes(self.adopted),
+            self.of, self.bounded,
         )  # fmt: skip
