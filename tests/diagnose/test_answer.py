@@ -250,14 +250,14 @@ def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, reported: str
         (
             "adequate",
             [],
-            "The most that these readings leave to a further cause: preload changes a reading by up to 7.5 % (95 % limit),"
-            " added to the baseline and refitted. Of 3 causes 1 could be bounded.",
+            "The most that these readings leave to a further cause: preload changes a reading by up to 7.5 %"
+            " (95 % limit), added to the baseline and refitted. Of 3 causes 1 could be bounded.",
         ),
         (
             "explained",
             ["gap"],
-            "The most that these readings leave to a further cause: preload changes a reading by up to 7.5 % (95 % limit),"
-            " added to gap and refitted. Of 2 causes 1 could be bounded.",
+            "The most that these readings leave to a further cause: preload changes a reading by up to 7.5 %"
+            " (95 % limit), added to gap and refitted. Of 2 causes 1 could be bounded.",
         ),
         ("unexplained", [], None),
     ],
