@@ -17,6 +17,9 @@ pole; a starting phase, another numerator of :math:`U`; and a constant force :ma
 tip, or a bond that breaks at the elastic pull :math:`F`: the rest position moves, and with it the level that :math:`d`
 must cross, to :math:`-(P + F)/k_c` below the static indentation.
 
+A tip that first draws back from the ball moves by the modes of the stack alone, :math:`m s^2 + c_s s + k_s`, until it
+comes back. Its speed there is an impulse on the tip, with which the contact's modes begin.
+
 The separation is the first zero of :math:`d`. Let :math:`B_2` and :math:`B_3` bound :math:`|d''|` and
 :math:`|d'''|` on :math:`[t, \infty)` (sums of moduli that only decay). Then
 
@@ -31,6 +34,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,9 +106,8 @@ class PoleSettings:
     radius: float = 0.01
 
 
-@dataclass(frozen=True)
-class Modes:
-    """Poles and weights of the contact phase for a batch of parameter sets.
+class Modes(NamedTuple):
+    """Poles and weights of one linear phase for a batch of parameter sets.
 
     Complex pairs are kept once, with the weight doubled; unused slots have weight zero.
 
@@ -115,7 +118,7 @@ class Modes:
         Residue of ``D(s)/U(s)``, m/(V s).
     lead : (n_sets,) array
         ``k_s q / m``: initial acceleration of the tip per volt, m/(s^2 V); with a lag, over its time constant.
-    roots : (n_sets, 4 or 5) complex array, 1/s
+    roots : (n_sets, n_roots) complex array, 1/s
         The roots of ``P``, both members of each pair, and the lag's.
     """
 
@@ -271,6 +274,30 @@ def modes(rig: Setup, settings: PoleSettings | None = None) -> Modes:
     if rig.lag[0] > 0.0:
         roots = np.concatenate([roots, -1.0 / rig.lag[:, None]], axis=1)
         lead = lead / rig.lag
+    pole, weight = _residues(roots, how)
+    return Modes(pole, lead[:, None] * pole**2 * weight, lead, roots)
+
+
+def tip_modes(rig: Setup, settings: PoleSettings | None = None) -> Modes:
+    """Poles and weights of how far the tip is behind the ball's rest, while it touches no ball.
+
+    As `modes`, of ``-k_s q/(m s^2 + c_s s + k_s)``.
+    """
+    half, square = 0.5 * rig.c_s / rig.m, rig.k_s / rig.m
+    turn = np.sqrt((half * half - square).astype(complex))
+    pair = half < np.sqrt(square)
+    large = -half - np.where(pair, -turn, turn)
+    roots = np.stack([large, np.where(pair, large.conjugate(), square / large)], axis=1)
+    lead = -rig.k_s * rig.q / rig.m
+    if rig.lag[0] > 0.0:
+        roots = np.concatenate([roots, -1.0 / rig.lag[:, None]], axis=1)
+        lead = lead / rig.lag
+    pole, weight = _residues(roots, settings or PoleSettings())
+    return Modes(pole, lead[:, None] * weight, lead, roots)
+
+
+def _residues(roots: ComplexArray, how: PoleSettings) -> tuple[ComplexArray, ComplexArray]:
+    """Poles and weights of ``1/prod(s - roots)``, of each row; complex pairs once, with twice the weight."""
     n = roots.shape[1]
     difference = roots[:, :, None] - roots[:, None, :]
     difference[:, range(n), range(n)] = 1.0
@@ -288,7 +315,7 @@ def modes(rig: Setup, settings: PoleSettings | None = None) -> Modes:
         for i, (place, value) in zip(crowded, replaced, strict=True):
             pole[i], weight[i] = 0.0, 0.0
             pole[i, : len(place)], weight[i, : len(place)] = place, value
-    return Modes(pole, lead[:, None] * pole**2 * weight, lead, roots)
+    return pole, weight
 
 
 @compiled(borrows=True)
@@ -384,17 +411,19 @@ def _twice(place, amplitude, n, t):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _march(table, n, t, end, rising, lift, most=2_000_000):  # type: ignore[no-untyped-def]
-    """First zero of the indentation plus `lift` in (t, end], infinity if none; and whether it has yet to rise.
+def _march(table, n, t, end, rising, lift, drift, most=2_000_000):  # type: ignore[no-untyped-def]
+    """First zero of the modes' sum plus ``lift + drift t`` in (t, end], infinity if none.
 
-    NaN after `most` steps.
+    Also whether it has yet to rise. NaN after `most` steps.
     """
     for _ in range(most):
         d0, d1, d2, b2, b3, noise = _evaluate(table, n, t)
-        if noise < lift:
+        above = lift + drift * t
+        if drift >= 0.0 and noise < above:
             return math.inf, rising  # too little motion is left
-        d0 += lift
-        floor = _NOISE * (noise + lift)
+        d0 += above
+        d1 += drift
+        floor = _NOISE * (noise + abs(above))
         if d0 <= floor:
             # Indistinguishable from contact at zero: on the way down it is the separation. What falls below zero before
             # it has risen at all, as behind a jump far smaller than the swing that follows, has separated on the way.
@@ -404,7 +433,7 @@ def _march(table, n, t, end, rising, lift, most=2_000_000):  # type: ignore[no-u
             d1 = max(d1, 0.0)
         else:
             rising = False
-        if b2 == 0.0:
+        if b2 == 0.0 and d1 >= 0.0:
             return math.inf, rising
         step = safe_step(d0, d1, d2, b2, b3)
         if t + step == t or (d1 < 0.0 and step <= 2e-16 * t):
@@ -459,38 +488,45 @@ def _start(place, amplitude, n, order, lowest):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _watched(place, amplitude, n, begin, reached, once, twice, spring, damper, moments, k, seen):  # type: ignore[no-untyped-def]
+def _watched(  # type: ignore[no-untyped-def]
+    place, amplitude, n, begin, reached, lift, drift, once, twice, spring, damper, behind, moments, k, seen
+):  # fmt: skip
     """Write ball, its speed and tip, from rest, at the moments from number `k` on that a piece holds; the next one's.
 
     The piece began at `begin` and is followed for the time `reached`; `once` and `twice` are the integral of the
-    indentation until its beginning, and that one's.
+    indentation until its beginning, and that one's. The modes may be those of a tip that is `behind`, and of no ball.
     """
     while k < len(moments) and moments[k] < math.inf and moments[k] <= begin + reached:
         t = max(moments[k] - begin, 0.0)
-        d = rate = 0.0
+        d = ball = speed = 0.0
         for j in range(n):
-            z = amplitude[j] * np.exp(place[j] * t)
-            d += z.real
-            rate += (z * place[j]).real
-        single = once + _impulse(place, amplitude, n, t)
-        double = twice + once * t + _twice(place, amplitude, n, t)
-        seen[k, 0] = spring * double + damper * single
-        seen[k, 1] = spring * single + damper * d
-        seen[k, 2] = seen[k, 0] + d
+            d += (amplitude[j] * np.exp(place[j] * t)).real
+        if behind:
+            d = -(d + lift + drift * t)
+        else:
+            single = once + _impulse(place, amplitude, n, t)
+            ball = spring * (twice + once * t + _twice(place, amplitude, n, t)) + damper * single
+            speed = spring * single + damper * d
+        seen[k, 0], seen[k, 1], seen[k, 2] = ball, speed, ball + d
         k += 1
     return k
 
 
 @compiled(inside=True)
-def _leading(da, db, dC, omega):  # type: ignore[no-untyped-def]
-    """First derivative of the command, from a rest, that does not vanish: its order and value; zero if none."""
-    swing = abs(dC.real) + abs(dC.imag)
-    size = _ROUNDED * (abs(da) + swing)
+def _jump(da, dC, reach):  # type: ignore[no-untyped-def]
+    """By how much a command jumps whose level and phasor change by so much; zero within rounding of its `reach`."""
     value = da + dC.imag
-    if abs(value) > size:
+    return value if abs(value) > _ROUNDED * (abs(da) + abs(dC.real) + abs(dC.imag) + reach) else 0.0
+
+
+@compiled(inside=True)
+def _leading(da, db, dC, omega, reach):  # type: ignore[no-untyped-def]
+    """First derivative of the command, from a rest, that does not vanish: its order and value; zero if none."""
+    value = _jump(da, dC, reach)
+    if value != 0.0:
         return 0, value
     rate = db + omega * dC.real
-    if abs(rate) > _ROUNDED * (abs(db) + omega * swing):
+    if abs(rate) > _ROUNDED * (abs(db) + omega * (abs(dC.real) + abs(dC.imag))):
         return 1, rate
     return 2, -omega * omega * dC.imag
 
@@ -529,9 +565,9 @@ def _grown(place, n, span, before, end, grow, growth):  # type: ignore[no-untype
 
 
 @compiled(inside=True)
-def _is_apart(place, amplitude, n, span, lift):  # type: ignore[no-untyped-def]
+def _is_apart(place, amplitude, n, span, lift, drift):  # type: ignore[no-untyped-def]
     """Whether a bound on the curvature alone shows that the indentation stays above zero for so long."""
-    d0 = d1 = b2 = size = 0.0
+    d0, d1, b2, size = lift, drift, 0.0, abs(lift)
     for k in range(n):
         s, a = place[k], amplitude[k]
         modulus = abs(a.real) + abs(a.imag)
@@ -539,11 +575,11 @@ def _is_apart(place, amplitude, n, span, lift):  # type: ignore[no-untyped-def]
         d1 += (a * s).real
         b2 += modulus * (s.real * s.real + s.imag * s.imag)
         size += modulus
-    return d0 + lift + min(d1, 0.0) * span - 0.5 * b2 * span * span > _NOISE * (size + lift)
+    return d0 + min(d1, 0.0) * span - 0.5 * b2 * span * span > _NOISE * size
 
 
 @compiled(borrows=True)
-def _follow(n, rows, point, index, a, b, before, horizon, lift, work):  # type: ignore[no-untyped-def]
+def _follow(n, rows, point, index, a, b, before, horizon, above, still, work):  # type: ignore[no-untyped-def]
     """Go on from the end of one line of a table, through others as long, while a bound holds the tip at the ball.
 
     As `_separate` does it, with a mode in each lane. `index` is that line's number, from the start of the first period;
@@ -581,9 +617,10 @@ def _follow(n, rows, point, index, a, b, before, horizon, lift, work):  # type: 
         new_imag = real * fade + imag * turn + level_imag * da + slope_imag * db
         modulus = size(new_real) + size(new_imag)
         most = total(modulus)
-        falls = min(total(new_real * s_real - new_imag * s_imag), 0.0) * span
+        lift = above + still[0] * (level - point[IDLE]) + still[1] * slope
+        falls = min(total(new_real * s_real - new_imag * s_imag) + still[0] * slope, 0.0) * span
         left = total(new_real) + lift + falls - 0.5 * total(modulus * square) * span * span
-        if not left > _NOISE * (most + lift):
+        if not left > _NOISE * (most + abs(lift)):
             break
         real, imag = new_real, new_imag
         swept = swept + (real * c_real - imag * c_imag)
@@ -596,10 +633,71 @@ def _follow(n, rows, point, index, a, b, before, horizon, lift, work):  # type: 
     return done, total(swept), a, b, now
 
 
+@compiled(inside=True)
+def _commanded(rows, point, row, k, phase, now):  # type: ignore[no-untyped-def]
+    """End of a command's piece, and its level, slope and phasor from `now` on."""
+    anchor, end, level, slope, swing, psi = command(rows, point, row, k, phase)
+    if slope != 0.0:
+        level += slope * (now - anchor)
+    angle = psi + point[OMEGA] * now
+    phasor = swing * complex(math.cos(angle), math.sin(angle)) if swing != 0.0 else 0j
+    return end, level, slope, phasor
+
+
+@compiled(borrows=True)
+def _at_rest(modes, drive, work):  # type: ignore[no-untyped-def]
+    """Write the poles of some modes, at rest, and their answers to a level.
+
+    Returns how many they are, and the lasting answers: to a swing, and to a level and a slope.
+    """
+    pole, weight, lead, roots, zeros = modes
+    place, amplitude, by_level, _, grow, _, _, _, _ = work
+    n = 0
+    for k in range(len(pole)):
+        if weight[k] != 0:
+            s = _aside(pole[k], drive) if drive != 0.0 else pole[k]
+            place[n], amplitude[n], by_level[n], grow[n] = s, 0.0, weight[k] / s, 1.0
+            n += 1
+    steady = lead + 0j
+    if drive != 0.0:
+        place[n] = drive
+        for _ in range(zeros):
+            steady *= drive
+        for k in range(len(roots)):
+            steady /= drive - _aside(roots[k], drive)
+    level = slope = 0.0
+    if zeros == 0:  # of s in the numerator
+        product, level = 1.0 + 0j, lead
+        for s in roots:
+            product *= -s
+            slope += (1.0 / s).real
+        level /= product.real
+    return n, steady, (level, level * slope)
+
+
+@compiled(borrows=True)
+def _struck(modes, tip, rate, bend, n, work):  # type: ignore[no-untyped-def]
+    """Give the modes of a contact, at rest, the speed with which the tip comes back, and the state of the lag.
+
+    The equations are :math:`D = (v + (a + v c_s/m)/(s + r)) s^2/P` with the tip's speed and acceleration `v`, `a` and
+    one over the lag `r`. Without a lag the fraction in the brackets is absent.
+    """
+    _, _, lead, _, _ = modes
+    _, _, _, roots, _ = tip
+    place, amplitude, by_level, _, _, _, _, _, _ = work
+    rates = 0.0
+    for s in roots:
+        rates -= s.real  # c_s/m + r
+    for j in range(n):
+        s = place[j]
+        state = rate + 0j if len(roots) == 2 else rate * (s + rates) + bend
+        amplitude[j] = by_level[j] * s * state / lead
+
+
 @compiled(borrows=True)
 def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
-    pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, forced, spring, damper, work,
-    moments, seen,
+    contact, tip, rows, point, phase, lift, pressed, horizon, waiting, again, placed, forced, spring, damper, work,
+    moments, seen, accuracy=1e-9,
 ):  # fmt: skip
     """Separation under a command: (time, integral of the indentation until then, integral of that, highest force).
 
@@ -607,139 +705,153 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
 
     The force is the contact's beyond that at rest, over the ball's mass.
 
-    The time is infinite without a separation, and negative where the tip first draws back from the ball.
+    A tip that first draws back is followed until it comes back, by the time `waiting`; the contact then has until
+    `again`. The time is negative without modes of the tip, and where the tip's place, a small rest of slow modes, has
+    lost the `accuracy` in units of the mean indentation.
+
+    The time is infinite without a separation.
     """
     place, amplitude, by_level, by_slope, grow, growth, force, table, _ = work
-    omega = point[OMEGA]
-    swings = omega != 0.0
-    drive = 1j * omega
-    n = 0
-    for k in range(len(pole)):
-        if weight[k] != 0:
-            s = _aside(pole[k], drive) if swings else pole[k]
-            place[n], amplitude[n] = s, 0.0
-            by_level[n] = weight[k] / s
-            n += 1
-    n_modes = n
-    steady = 0j
-    if swings:
-        steady = lead * drive * drive
-        for k in range(len(roots)):
-            steady /= drive - _aside(roots[k], drive)
-        place[n] = drive
-        n += 1
+    swings = point[OMEGA] != 0.0
+    drive = 1j * point[OMEGA]
     row = first_row(rows, point, phase)
-    k, now = first_move(rows, point, row, phase)
-    if now == math.inf:
-        return now, 0.0, 0.0, 0.0
+    k, start = first_move(rows, point, row, phase)
+    if start == math.inf:
+        return start, 0.0, 0.0, 0.0
+    now = start
+    end, level, slope, phasor = _commanded(rows, point, row, k, phase, now)
+    order, lowest = _leading(level - point[IDLE], slope, phasor, point[OMEGA], point[REACH])
+    behind = lowest < 0.0 and not pressed
+    if behind and len(tip[0]) == 0:
+        return -1.0, 0.0, 0.0, 0.0
+    modes = tip if behind else contact
+    n_modes, steady, still = _at_rest(modes, drive, work)
+    order, lowest = len(modes[3]) - modes[4] + order, modes[2] * lowest
+    above, until = (0.0, waiting) if behind else (lift, horizon)
     # The command just before: level, slope and phasor of the swing.
     a, b, C = point[IDLE], 0.0, 0j
-    once = twice = before = top = 0.0
-    rising, first, ramps = True, True, False
+    once = twice = top = rounded = 0.0
+    before = -1.0
+    rising, begins, ramps, moved = True, True, False, False
     watched = 0
     while watched < len(moments) and moments[watched] <= now:
         seen[watched] = 0.0
         watched += 1
     while True:
-        anchor, end, level, slope, swing, psi = command(rows, point, row, k, phase)
-        span = end - now
-        if slope != 0.0:
-            level += slope * (now - anchor)
-        angle = psi + omega * now
-        phasor = swing * complex(math.cos(angle), math.sin(angle)) if swings else 0j
+        if moved:
+            end, level, slope, phasor = _commanded(rows, point, row, k, phase, now)
+        moved, span = True, end - now
         da, db, dC = level - a, slope - b, phasor - C
-        value = da + dC.imag
-        t = 0.0
-        if first:
-            order, lowest = _leading(da, db, dC, omega)
-            value = lowest if order == 0 else 0.0
-            if lowest < 0.0 and not pressed:
-                return -1.0, 0.0, 0.0, 0.0
         if db != 0.0 and not ramps:
             ramps = True
             for j in range(n_modes):
                 by_slope[j] = by_level[j] / place[j]
-        if not first:
-            for j in range(n_modes):
-                amplitude[j] *= grow[j]
+        value = _jump(da, dC, point[REACH]) if swings else 0.0
         for j in range(n_modes):
+            amplitude[j] *= grow[j]
             if swings:
-                s = place[j]
-                amplitude[j] += by_level[j] * _answer(s, value, da, db, dC, omega) * s
+                amplitude[j] += by_level[j] * _answer(place[j], value, da, db, dC, point[OMEGA]) * place[j]
             else:
                 amplitude[j] += by_level[j] * da
                 if db != 0.0:
                     amplitude[j] += by_slope[j] * db
+        n = n_modes
         if swings:
-            amplitude[n_modes] = steady * complex(phasor.imag, -phasor.real)
-        if first:
-            first = False
+            amplitude[n] = steady * complex(phasor.imag, -phasor.real)
+            n += 1
+        rest, drift = above + still[0] * (level - point[IDLE]) + still[1] * slope, still[0] * slope
+        t = 0.0
+        if begins:
+            begins = False
             if lowest > 0.0:
-                t = min(_start(place, amplitude, n, len(roots) - 2 + order, lead * lowest), span)
+                t = min(_start(place, amplitude, n, order, lowest), span)
         elif (
-            not (swings or placed or forced or rising) and end <= horizon and _is_apart(place, amplitude, n, span, lift)
+            not (swings or placed or forced or rising)
+            and end <= until
+            and _is_apart(place, amplitude, n, span, rest, drift)
         ):
-            before = _grown(place, n_modes, span, before, end, grow, growth)
+            before = _grown(place, n, span, before, end, grow, growth)
             for j in range(n):
                 once += (amplitude[j] * growth[j]).real
             a, b, now, k = level + slope * span, slope, end, k + 1
-            if ramps and phase == 0.0:
-                more, swept, a, b, later = _follow(n, rows, point, row + k - 1, a, b, before, horizon, lift, work)
+            if ramps and phase == 0.0 and n <= WIDTH:
+                more, swept, a, b, later = _follow(n, rows, point, row + k - 1, a, b, before, until, above, still, work)
                 if more:
                     once, now, k = once + swept, later, k + more
             continue
         _tabulate(place, amplitude, n, table)
         # Infinity, whether there is no zero or too little motion for one, ends this piece only.
-        t, rising = _march(table, n, t, min(span, horizon), rising, lift)
+        t, rising = _march(table, n, t, min(span, until - now), rising, rest, drift)
         reached = span if math.isinf(t) else t
         if watched < len(moments):
             watched = _watched(
-                place, amplitude, n, now, reached, once, twice, spring, damper, moments, watched, seen
+                place, amplitude, n, now, reached, rest, drift, once, twice, spring, damper, behind, moments, watched,
+                seen,
             )  # fmt: skip
         if math.isinf(reached):
             return reached, once, twice, top
+        if behind and not math.isinf(t):
+            _, rate, bend, _, _, noise = _evaluate(table, n, t)
+            speed = -(rate + drift)
+            rounded = _NOISE * (noise + abs(rest + drift * t))
+            n_modes, steady, still = _at_rest(contact, drive, work)
+            _struck(contact, tip, speed, -bend, n_modes, work)
+            order, lowest, above, until, behind = 1, speed, lift, again, False
+            a, b, C, now = point[IDLE], 0.0, 0j, now + t
+            start = now
+            once = twice = 0.0
+            before, rising, begins, ramps = -1.0, True, True, False
+            continue
         if placed:
             twice += once * reached + _twice(place, amplitude, n, reached)
         once += _impulse(place, amplitude, n, reached)
-        if forced:
+        if forced and not behind:
             top = _highest(place, amplitude, n, reached, spring, damper, force, table, top)
         if not math.isinf(t):
-            return now + t, once, twice, top
-        if end > horizon:
+            found = now + t if rounded * (now + t - start) <= accuracy * once else -1.0
+            return found, once, twice, top
+        if end > until:
             return math.inf, once, twice, top
         before = _grown(place, n_modes, span, before, end, grow, growth)
         a, b = level + slope * span, slope
-        C = phasor * complex(math.cos(omega * span), math.sin(omega * span)) if swings else 0j
+        angle = point[OMEGA] * span
+        C = phasor * complex(math.cos(angle), math.sin(angle)) if swings else 0j
         now, k = end, k + 1
 
 
 def _launch(  # type: ignore[no-untyped-def]
-    pole, weight, lead, roots, spring, damper, lift, lean, phase, scale, idle, horizon, placed, forced, rows, points,
-    moments, when, speed, where, status, peak, seen,
+    contact, tip, spring, damper, lift, lean, phase, scale, idle, horizon, placed, forced, rows, points, moments, when,
+    speed, where, status, peak, seen,
 ):  # fmt: skip
     n_sets, n_points = when.shape
+    first = tip.pole.shape[1] == 0  # a tip that draws back is but noted
     for i in prange(n_sets):
-        width = pole.shape[1] + 1
+        width = max(contact.pole.shape[1], tip.pole.shape[1]) + 1
         lines = np.empty((7, width), np.complex128)
         held = np.empty((12, WIDTH))
         work = lines[0], lines[1], lines[2], lines[3], lines[4], lines[5], lines[6], np.empty((width, 7)), held
         point = np.empty(COMMAND)
+        touching = contact.pole[i], contact.weight[i], contact.lead[i], contact.roots[i], 2
+        alone = tip.pole[i], tip.weight[i], tip.lead[i], tip.roots[i], 0
         for j in range(n_points):
+            if not first and status[i, j] != DRAWN_BACK:
+                continue
             driven(points[j], scale[i], idle[i], point)
             when[i, j], speed[i, j], where[i, j], status[i, j], peak[i, j] = 0.0, 0.0, 0.0, AT_REST, math.nan
             if point[REACH] == 0.0:
                 seen[i, j] = 0.0
                 continue
-            limit = HORIZON
-            if lift[i] > 0.0:
-                limit = max(horizon[i], point[LENGTH] + HORIZON_PERIODS / point[FREQUENCY])
+            waiting, last = point[LENGTH] + HORIZON_PERIODS / point[FREQUENCY], 0.0
             for k in range(moments.shape[1]):
                 seen[i, j, k] = math.nan
                 if moments[j, k] < math.inf:
-                    limit = max(limit, moments[j, k])
+                    last = moments[j, k]
+            waiting = max(waiting, last)
+            again = max(horizon[i], waiting)
             t, once, twice, top = _separate(
-                pole[i], weight[i], lead[i], roots[i], rows, point, phase_of(point, phase[i]), lift[i], lean[i] > 0.0,
-                limit, placed, forced, spring[i], damper[i], work, moments[j], seen[i, j],
+                touching, alone, rows, point, phase_of(point, phase[i]), lift[i], lean[i] > 0.0,
+                again if lift[i] > 0.0 else max(HORIZON, last), waiting, again, placed, forced, spring[i], damper[i],
+                work, moments[j], seen[i, j],
             )  # fmt: skip
             if t < 0.0:
                 when[i, j], speed[i, j], status[i, j] = math.nan, 0.0, DRAWN_BACK
@@ -770,6 +882,7 @@ def separation(
     forced: bool = False,
     seen: FloatArray | None = None,
     *,
+    parted: bool = True,
     threads_from: int = 1000,
     together: int = 512,
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], FloatArray]:
@@ -791,6 +904,9 @@ def separation(
     seen : (n_sets, n_points, n_moments, 3) array, optional
         Is filled with the ball's place from rest (m), its speed (m/s) and the tip's place (m) at the design's moments,
         as far as the ball is in contact; NaN behind. It takes the places to be needed.
+    parted : bool
+        Whether a tip that first draws back is followed until it strikes the ball; else that is `DRAWN_BACK`, as where
+        a ball separates inwards.
     threads_from : int
         Trajectories above which it is worth waking threads: that costs about as much as so many.
     together : int
@@ -812,12 +928,15 @@ def separation(
             press = one.M * one.g * one.lean / one.l
             found = tuple(np.empty((len(part), design.n_points), kind.dtype) for kind in every)
             here = np.empty((*found[0].shape, moments.shape[1], 3))
-            launch(
-                batch.pole, batch.weight, batch.lead, batch.roots, one.k_c / one.M, one.c_c / one.M,
-                (press + one.bond) / one.k_c, one.lean, one.phase, one.scale, one.idle,
-                contact_horizon(one.k_c, one.M), placed or seen is not None, forced, *design.commands, moments, *found,
-                here,
+            rest = (
+                one.k_c / one.M, one.c_c / one.M, (press + one.bond) / one.k_c, one.lean, one.phase, one.scale,
+                one.idle, contact_horizon(one.k_c, one.M), placed or seen is not None, forced, *design.commands,
+                moments, *found, here,
             )  # fmt: skip
+            none = np.empty((len(part), 0), complex)
+            launch(batch, Modes(none, none, batch.lead, none), *rest)
+            if parted and (found[3] == DRAWN_BACK).any():
+                launch(batch, tip_modes(one), *rest)
             if forced:
                 found[-1][:] = found[-1] * one.M[:, None] + press[:, None]
             for target, values in zip(every, found, strict=True):

@@ -160,7 +160,7 @@ def contact(design: Design, theta: ArrayLike, *, n_times: int = 401) -> list[Con
         Where the ball is not launched.
     """
     values = np.asarray(theta, dtype=float)
-    when, _, _, status, _ = closed_form.separation(design, Setup.of(design.constants, values[None, :]))
+    when, _, _, status, _ = closed_form.separation(design, Setup.of(design.constants, values[None, :]), parted=False)
     contacts = []
     for j in range(design.n_points):
         if status[0, j] != closed_form.LAUNCHED:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from psafit.drives import Drive, Table
 from psafit.experiment import Constants
 from psafit.physics.baseline import PARAMETERS
 from psafit.physics.term import Setup
@@ -104,6 +105,16 @@ def test_critical_damping(k_c: float, c_s: float) -> None:
                 theta = (k_c, c_s, c_c * (1 + shift))
                 reference = exact(theta, waveform, frequency)
                 assert fast(np.array(theta), waveform, frequency) == pytest.approx(reference, rel=1e-9), theta
+
+
+def test_merging_poles_under_a_recorded_drive() -> None:
+    """Where poles merge there are more modes than the lines of a table are followed with at once."""
+    time = np.linspace(0, 1e-2, 400)
+    drive = Drive("table", table=Table(time, 20 * np.sin(400 * time), True))
+    for c_c in _critical_dampings(3273.0, 117371.0):
+        design, theta = Design.sweep(RIG, drive, 60.0, 20.0), np.array([3273.0, 117371.0, c_c])
+        closed, stepped = (simulate(design, theta, path=path, tolerance=1e-9) for path in (None, "stepper"))
+        assert closed.launch_range == pytest.approx(stepped.launch_range, rel=1e-8)
 
 
 def test_poles_keep_their_digits_next_to_large_ones() -> None:
@@ -224,3 +235,5 @@ def test_impossible_parameters_are_refused(theta: np.ndarray) -> None:
 def test_contact_without_launch_says_so() -> None:
     with pytest.raises(ValueError, match="no launch at 1200 Hz"):
         contact(point("sine", 1200.0, 0.0), PUBLISHED)
+    with pytest.raises(ValueError, match="no launch at 1200 Hz"):
+        contact(Design.sweep(RIG, Drive("sine", phase_deg=180.0), 1200.0, 20.0), PUBLISHED)

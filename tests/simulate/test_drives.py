@@ -11,7 +11,8 @@ from rigs import RIG, TRUTH
 
 from psafit.drives import WAVEFORMS, Drive, Table
 from psafit.physics import TERMS, term, terms
-from psafit.simulate import Design, simulate
+from psafit.physics.term import Setup
+from psafit.simulate import Design, closed_form, simulate
 from psafit.simulate.command import COMMAND, driven
 from psafit.simulate.contract import Draw, draw
 from psafit.simulate.drive import BEGIN, END, PIECE, SIGN, first_piece, next_piece, voltage
@@ -85,6 +86,84 @@ def test_both_engines_and_the_reference_agree(kind: str) -> None:
     assert np.allclose(stepped.launch_range, closed.launch_range, rtol=STEPPED, atol=1e-16)
     reference = Draw(Point(drive, 700.0, 12.0), TRUTH.tolist()).reference()
     assert closed.launch_range[0, 0] == pytest.approx(reference, rel=CLOSED, abs=1e-18)
+
+
+def drawn_back(rng: np.random.Generator) -> dict[str, Drive]:
+    """Drives under which the tip first leaves the ball."""
+    time = np.linspace(0, 2e-3, 200)
+    sine = 10 * np.sin(5e3 * time)
+    dip = sine + np.where((time > 0) & (time < 5e-5), -0.5, 0.0)
+    return {
+        "sine": Drive("sine", phase_deg=float(rng.uniform(180, 270))),
+        "square": Drive("square", phase_deg=180.0),
+        "triangle": Drive("triangle", phase_deg=180.0),
+        "pulse": Drive("unipolar_square", idle_v=3.0, phase_deg=200.0),
+        "recorded": Drive("table", table=Table(time, -sine, True)),
+        "recorded, a dip": Drive("table", table=Table(time, dip + 0.01 * rng.standard_normal(200), True), idle_v=0.1),
+    }
+
+
+@pytest.mark.parametrize("causes", [(), ("amplifier_lag",)], ids=["baseline", "lag"])
+@pytest.mark.parametrize("kind", drawn_back(np.random.default_rng(0)))
+def test_a_tip_that_first_draws_back_takes_no_steps(kind: str, causes: tuple[str, ...]) -> None:
+    rng = np.random.default_rng([5, len(kind), len(causes)])
+    drive = drawn_back(rng)[kind]
+    for _ in range(3):
+        one = draw(rng, terms(causes))
+        point = Point(drive, float(np.exp(rng.uniform(4, 9))), 12.0)
+        one = Draw(point, one.theta, one.causes, one.values, one.constants)
+        fast, engine = one.fast()
+        assert engine == "closed form"
+        assert fast == pytest.approx(one.reference(), rel=CLOSED), one
+
+
+@pytest.mark.parametrize("lag", [0.0, 2e-5])
+def test_the_closed_form_itself_follows_a_tip_that_draws_back(lag: float) -> None:
+    rig = Setup.of(RIG, np.array([TRUTH])).change(lag=np.array([lag]))
+    for drive in drawn_back(np.random.default_rng(2)).values():
+        design = Design.sweep(RIG, drive, 1500.0, 12.0)
+        assert closed_form.separation(design, rig)[3] == closed_form.LAUNCHED
+        assert closed_form.separation(design, rig, parted=False)[3] == closed_form.DRAWN_BACK
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-12, -1e-6, 1e-4])
+def test_a_critically_damped_tip_comes_back(off: float) -> None:
+    """Its two modes merge."""
+    c_s = 2 * math.sqrt(RIG.k_s * RIG.m) * (1 + off)
+    for drive in drawn_back(np.random.default_rng(2)).values():
+        one = Draw(Point(drive, 1500.0, 12.0), [1e6, c_s, 50.0], constants=RIG)
+        assert one.fast()[0] == pytest.approx(one.reference(), rel=CLOSED), drive
+
+
+def test_what_is_seen_of_a_tip_that_draws_back_is_what_steps_see() -> None:
+    for drive in drawn_back(np.random.default_rng(2)).values():
+        design = Design.sweep(RIG, drive, 1500.0, 12.0)
+        when = simulate(design, TRUTH).separation_time[0, 0]
+        design = replace(design, moments=np.linspace(0, when, 20)[None, :-1])
+        closed, stepped = (simulate(design, TRUTH, path=p, forces=True) for p in ("closed form", "stepper"))
+        assert closed.motion is not None and stepped.motion is not None
+        scale = np.abs(stepped.motion).max(axis=2, keepdims=True)
+        assert np.allclose(closed.motion / scale, stepped.motion / scale, rtol=0, atol=STEPPED), drive
+        assert np.allclose(closed.peak_force, stepped.peak_force, rtol=STEPPED)
+
+
+def test_a_slow_tip_that_rounding_would_displace_takes_steps() -> None:
+    """A ramp's answer in its slow mode is ten million times its way."""
+    rng = np.random.default_rng(8)
+    time = np.linspace(0, 1e-4, 64)
+    volt = np.r_[0.0, -10 * np.sin(2e5 * time[1:]) - 10 * rng.uniform(0, 1, 63)]
+    volt[40:] += 20.0
+    for c_s in (2e5, 9e5):
+        one = Draw(Point(Drive("table", table=Table(time, volt, True)), 4e4, 10.0), [5e7, c_s, 0.3], constants=RIG)
+        assert one.fast()[0] == pytest.approx(one.reference(), rel=STEPPED)
+
+
+def test_a_ball_from_which_the_tip_has_gone_for_good_is_not_launched() -> None:
+    away = Drive("table", table=Table(np.array([0.0, 1e-4, 2e-3]), np.array([0.0, -5.0, -4.0]), True))
+    assert not simulate(Design.sweep(RIG, away, 900.0, 5.0), TRUTH).launched.any()
+    late = Drive("table", table=Table(np.array([0.0, 1e-4, 2e-3]), np.array([0.0, -5.0, 6.0]), True))
+    one = Draw(Point(late, 900.0, 5.0), TRUTH.tolist(), constants=RIG)
+    assert one.fast()[0] == pytest.approx(one.reference(), rel=CLOSED) and one.fast()[0] > 0.0
 
 
 def test_a_bias_under_which_everything_rests_does_nothing() -> None:
