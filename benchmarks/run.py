@@ -39,6 +39,7 @@ import peers
 import work_precision
 from cases import Case
 
+from psafit.drives import Drive, Table
 from psafit.errors import ConvergenceError
 from psafit.inference.candidate import Candidate, built_up, united
 from psafit.inference.optimise import polish
@@ -204,15 +205,17 @@ def one_core() -> Iterator[None]:
             os.sched_setaffinity(0, cores)
 
 
-def seconds(work: Callable[[], object]) -> float:
-    begin = time.perf_counter()
+def seconds(work: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
+    begin = clock()
     work()
-    return time.perf_counter() - begin
+    return clock() - begin
 
 
-def in_turns(works: list[Callable[[], object]], repeats: int) -> np.ndarray:
-    """Wall times, s, of several things done in turns; (repeats, works)."""
-    return np.array([[seconds(work) for work in works] for _ in range(repeats)])
+def in_turns(
+    works: list[Callable[[], object]], repeats: int, clock: Callable[[], float] = time.perf_counter
+) -> np.ndarray:
+    """Times, s, of several things done in turns, by the wall's clock or another; (repeats, works)."""
+    return np.array([[seconds(work, clock) for work in works] for _ in range(repeats)])
 
 
 def spread(values: np.ndarray) -> tuple[float, str]:
@@ -323,6 +326,45 @@ def _diffrax(case: Case) -> dict[str, Callable[[], np.ndarray]]:
               f" {quality(errors)}")  # fmt: skip
         tried.append((cost, f"diffrax {solver}", partial(batch, rtol)))
     return dict([min(tried, key=lambda t: t[0])[1:]]) if tried else {}
+
+
+def recordings(n_samples: int = 1000, frequency: float = 1e3, volt: float = 20.0) -> dict[str, Drive]:
+    """Two periods of a sine, as an oscilloscope with 1 % of noise records them, from above and from below the rest."""
+    time = np.linspace(0.0, 2.0 / frequency, n_samples)
+    sine = volt * np.sin(2 * np.pi * frequency * time)
+    noise = 0.01 * volt * np.random.default_rng(5).standard_normal(n_samples)
+    noise[0] = 0.0
+    noise[1] = abs(noise[1])
+    return {
+        "that first rises": Drive("table", table=Table(time, sine + noise, True)),
+        "that first dips below its rest": Drive("table", table=Table(time, -sine - noise, True)),
+    }
+
+
+def recorded(rows: list[dict[str, object]]) -> None:
+    """The processor's time for a trajectory under recorded drives, in units of a sine's."""
+    drives = {"": Drive("sine"), **recordings()}
+    designs = [Design.sweep(RIG, drive, FREQUENCY, 20.0) for drive in drives.values()]
+    sets, ratios = parameter_sets(64), {}
+    for title, theta in (("baseline", sets), ("hertz_exponent", np.column_stack([sets, np.full(64, 1.5)]))):
+        causes = cases.terms(*() if title == "baseline" else (title,))
+        works = [partial(simulate, design, theta, causes) for design in designs]
+        for work in works:
+            work()
+        with one_core():
+            times = in_turns(works, 5, time.process_time)  # type: ignore[arg-type]
+        for k, kind in enumerate(drives):
+            if kind:
+                ratio, within = spread(times[:, k] / times[:, 0])
+                print(f"    {title}, a recorded drive {kind}: {within} sines")
+                ratios[title, kind] = ratio
+                rows.append(row(f"{title}: a recorded drive of 1,000 samples {kind}: times a sine's cost",
+                                ratio, "below 20", ratio < 20))  # fmt: skip
+    text = "| recorded drive of 1,000 samples | `baseline` | `hertz_exponent` |\n|---|---|---|\n" + "".join(
+        f"| {kind} | {ratios['baseline', kind]:.1f} | {ratios['hertz_exponent', kind]:.1f} |\n" for kind in recordings()
+    )
+    page = ROOT / "docs" / "numerics.md"
+    page.write_text(work_precision.publish(text, page.read_text("utf-8"), "make bench, recorded"), "utf-8")
 
 
 def threads(rows: list[dict[str, object]]) -> None:
@@ -455,6 +497,7 @@ def commands(rows: list[dict[str, object]]) -> None:
 ROWS: dict[str, Callable[[list[dict[str, object]]], None]] = {
     "memory": memory,
     "closed-form": simulator,
+    "recorded": recorded,
     "nonlinear": nonlinear,
     "threads": threads,
     "likelihood": likelihood,

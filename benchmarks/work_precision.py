@@ -150,12 +150,12 @@ def table(found: dict[str, dict[str, Curve]], error: float = 1e-5) -> str:
     return head + "|---" * len(rows[0]) + "|\n" + "".join(body)
 
 
-def publish(text: str, page: str) -> str:
-    """The page with a text in the place of what stands between its marks."""
-    before, mark, rest = page.partition("<!-- make bench -->\n")
+def publish(text: str, page: str, by: str = "make bench") -> str:
+    """The page with a text in the place of what stands between its marks, the first of which names who made it."""
+    before, mark, rest = page.partition(f"<!-- {by} -->\n")
     _, end, after = rest.partition("<!-- end -->\n")
     if not (mark and end):
-        raise ValueError("the page has no <!-- make bench --> before an <!-- end -->")
+        raise ValueError(f"the page has no <!-- {by} --> before an <!-- end -->")
     return before + mark + "\n" + text + "\n" + end + after
 
 
