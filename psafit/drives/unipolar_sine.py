@@ -30,5 +30,5 @@ WAVEFORM = Waveform(
     corners=(0.0, 0.25, 0.5, 0.75),
     value=value,
     rate=rate,
-    names=("unipolar sine", "offset sine", "haversine", "raised cosine"),
+    names=("unipolar sine", "haversine", "raised cosine"),
 )

@@ -23,8 +23,8 @@ ERROR_OF = {o.sigma_column: o.column for o in OF_LAUNCHES}
 """Column of the reading that each known error is of."""
 HELD = (*CONDITION_COLUMNS, *ERROR_OF)
 """What may be held, in the place of a column."""
-IDLE = "idle_v"
-SETTINGS = ("bias_v", IDLE)
+BIAS, IDLE = "bias_v", "idle_v"
+SETTINGS = (BIAS, IDLE)
 """Voltages of a group's drive: what is added to its command, and what it rests at."""
 SHAPES = {"phase_deg": "deg", "cycles": "periods"}
 """What else there may be of a periodic drive, and its unit; it stands in no column."""

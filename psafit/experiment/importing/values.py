@@ -12,6 +12,7 @@ from psafit.drives import TABLE, WAVEFORMS, Drive, instead
 from psafit.errors import InputError
 from psafit.experiment.drive_table import level
 from psafit.experiment.importing.chosen import (
+    BIAS,
     ERROR_OF,
     IDLE,
     SETTINGS,
@@ -82,7 +83,7 @@ def readings(
         drive = options.drive_of(_waveform(row, chosen, waveform, options, faults), settings)
         values = {c: _value(row, c, notation, drive, faults) for c in quantities}
         own = {c.column: v for c in quantities if c.column in SETTINGS and (v := values.pop(c)) is not None}
-        drive = _at_rest(grid, row, drive, settings | own, options)
+        drive = _at_rest(grid, row, drive, chosen, settings | own, options)
         label = " ".join(text_of(_cell(row, c)) for c in chosen.of(GROUPS))
         repetitions = _repetitions(values, chosen)
         if faults.count == before and not repetitions:
@@ -106,15 +107,26 @@ def readings(
     return found, notation.decimal
 
 
-def _at_rest(grid: Grid, row: Row, drive: Drive, settings: dict[str, float], options: Options) -> Drive:
+def _at_rest(
+    grid: Grid, row: Row, drive: Drive, chosen: Chosen, settings: dict[str, float], options: Options
+) -> Drive:
     """The drive of a row with its own voltages.
 
     Raises
     ------
     InputError
-        Where it has a bias, and nothing says whether that is there before the start, too.
+        Where it has a bias, and nothing says whether that is there before the start, too; or where a column gives one
+        to a waveform that is on one side of zero already, as if a generator's offset had made it so.
     """
     drive = options.drive_of(drive.waveform, settings)
+    form, offset = WAVEFORMS.get(drive.waveform), next((c for c in chosen.of(BIAS) if not c.mapped), None)
+    if form and offset and drive.bias_v and 0.0 in form.span:
+        other = next(w.id for w in WAVEFORMS.values() if 0.0 not in w.span and form.id.endswith(w.id))
+        what = f"{form.id} goes from 0 V by itself, and column {offset.name} adds {drive.bias_v:g} V"
+        say = "write" if chosen.of(WAVEFORM) else "say --waveform"
+        remedy = f"{say} {other} if that raises a {other}, or say {option(offset.option, IGNORED)}"
+        remedy = f"{remedy} if it is counted twice, or {option(offset.option, BIAS)} if both hold"
+        raise InputError(what, remedy, file=grid.file, line=row.line)
     if drive.bias_v and IDLE not in settings:
         what = f"a bias of {drive.bias_v:g} V, and nothing says what the drive rests at before its start"
         remedy = f"say --set {IDLE}=0, or --set {IDLE}={drive.bias_v:g} if it rests at the bias"
