@@ -363,7 +363,27 @@ def _suspicious_part(part: Group, constants: Constants | None, v_max: float) -> 
             f"every {o.sigma_column} exceeds every {o.title} (least {part.sigma.min():g} {o.unit}); given in another"
             " unit?"
         )
-    return found + _suspicious_trace(part)
+    return found + _suspicious_trace(part) + _spread(part)
+
+
+def _spread(part: Group, least: int = 10, factor: float = 10.0) -> list[str]:
+    """What launches of one condition say that no scatter explains.
+
+    Parameters
+    ----------
+    part : Group
+    least : int
+        As many samples make a trace; fewer launches may hold a blunder.
+    factor : float
+        Between the least and the greatest reading. Launches scatter by some per cent.
+    """
+    _, of = np.unique(part.conditions, axis=0, return_inverse=True)  # along a trace each is one
+    for k in np.flatnonzero(np.bincount(of.ravel()) >= least):
+        read = part.reading[(of.ravel() == k) & (part.reading > part.observable.still)]
+        if read.size >= least and read.max() > factor * read.min():
+            said = f"{read.size} {part.observable.titles} of one condition go from {read.min():g} to {read.max():g}"
+            return [f"{said} {part.observable.unit}; are they recorded over time, or is a condition missing?"]
+    return []
 
 
 def _suspicious_trace(part: Group, most: int = 2000, early: float = 0.1, far: float = 0.5) -> list[str]:

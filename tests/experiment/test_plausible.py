@@ -152,3 +152,12 @@ def test_a_trace_in_seconds_is_named(tmp_path: Path) -> None:
     trace = "time_us,displacement_um\n" + "".join(f"{i}e-5,{i * i / 100}\n" for i in range(12))
     (said,) = read_experiment(write(tmp_path, toml, a=trace)).warnings
     assert "the trace ends after 0.00011 us; is its time given in s or ms?" in said
+
+
+@pytest.mark.parametrize(("ranges", "asked"), [(range(2, 26, 2), True), (range(2, 18, 2), False), ([9, 11] * 6, False)])
+def test_readings_of_one_condition_that_no_scatter_explains_are_named(
+    ranges: list[int], asked: bool, tmp_path: Path
+) -> None:
+    csv = HEADER + "".join(f"1200,20,{r}\n" for r in ranges)
+    said = "12 launch ranges of one condition go from 2 to 24 um; are they recorded over time"
+    assert any(said in w for w in read_experiment(write(tmp_path, a=csv)).warnings) == asked

@@ -27,7 +27,7 @@ from psafit.experiment.importing.chosen import (
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Head, names
 from psafit.experiment.importing.numerals import is_number, likeliest
-from psafit.experiment.importing.over_time import check_trace, is_trace, voltages
+from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, voltages
 from psafit.experiment.importing.quantities import COLUMNS, QUANTITIES, VOLTS, Volts
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.importing.units import Unit, factor_of
@@ -72,6 +72,7 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
         chosen = _without_settings(grid, head, chosen, faults)
     if not traced:
         _check_motion(grid, head, chosen, faults)
+        check_launches(grid, head, chosen, options, faults)
         faults.end()
     for column in dict.fromkeys(c.column for c in chosen.columns):
         _check_several(grid, head, chosen.of(column), faults)

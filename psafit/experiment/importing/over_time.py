@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -13,6 +14,7 @@ from psafit.experiment.importing.chosen import (
     WAVEFORM,
     Chosen,
     Column,
+    cells,
     example,
     fault,
     in_volts,
@@ -26,6 +28,9 @@ from psafit.experiment.importing.quantities import COLUMNS, VOLTS, Quantity
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.trace_table import TIME, TRACES
+
+# A time of the day, of itself or behind a date.
+_OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?")
 
 
 @dataclass(frozen=True)
@@ -121,6 +126,47 @@ def _microseconds(number: Number) -> float:
     return float(number.value if factor is None else number.value * factor)
 
 
+def clock(grid: Grid, head: Head, columns: Iterable[Column], options: Options) -> tuple[Column, str] | None:
+    """The first column that counts time, in as many steps as a trace has, and the remedy that makes it the time.
+
+    It is in a unit of time, or holds times of the day, and never falls.
+    """
+    for column in columns:
+        below = cells(grid, head, column.place)
+        days = [found for cell in below if (found := _OF_DAY.search(str(cell)))]
+        notation, unit = likeliest(below), head.unit(column.place)
+        if len(days) == len(below):
+            times = [3600 * int(d[1]) + 60 * int(d[2]) + float((d[3] or "0").replace(",", ".")) for d in days]
+            remedy = f"give column {column.name} in seconds"
+        elif column.column == TIME or (unit and unit.kind == COLUMNS[TIME].unit):
+            times = [_microseconds(number) for cell in below if (number := notation.number(cell)) is not None]
+            remedy = f"say {option(column.option, TIME)}"
+        else:
+            continue
+        if len(set(times)) >= options.least_samples and all(a <= b for a, b in pairwise(times)):
+            return column, remedy
+    return None
+
+
+def check_launches(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
+    """Readings of which one condition was held, next to a clock, may be a recording of one launch."""
+    if any(not c.mapped and role(c.column) == "reading" for c in chosen.columns) and not any(
+        chosen.of(name) for name in CONDITION_COLUMNS
+    ):
+        found = clock(grid, head, (c for c in chosen.unused if not c.mapped), options)
+        if found is None:
+            return
+        time, remedy = found
+        read = next(c for c in chosen.columns if role(c.column) == "reading")
+        motion = next((q for q in COLUMNS.values() if (q.role, q.unit) == ("trace", COLUMNS[read.column].unit)), None)
+        what = f"column {time.name} rises from row to row at one condition: {read.name} may be recorded over time"
+        if motion:
+            remedy = f"{remedy} with {option(read.option, motion.column)}"
+        else:
+            remedy = f"psafit reads no such recording: give {read.column} of each launch"
+        faults.add(fault(grid, head, what, f"{remedy}, or {option(time.option, IGNORED)} if each row is a launch"))
+
+
 def voltages(grid: Grid, head: Head, found: Sequence[Column], options: Options, faults: Faults) -> list[Column]:
     """Columns of a trace in which those of volts are `amplitude_v` where constant along each trace, else `voltage_v`.
 
@@ -202,4 +248,4 @@ def _check_volts(grid: Grid, head: Head, column: Column, options: Options, fault
         faults.add(fault(grid, head, what, f"say --volts {', --volts '.join(VOLTS)}, or write Vpp"))
 
 
-__all__ = ["check_trace", "is_trace", "voltages"]
+__all__ = ["check_launches", "check_trace", "clock", "is_trace", "voltages"]

@@ -82,7 +82,7 @@ QUANTITIES = (
     Quantity("bias_v", "V", ("bias", "offset", "dc offset", "dc bias", "offset voltage", "bias voltage"), "drive"),
     Quantity("idle_v", "V", ("idle", "idle voltage", "rest voltage", "ruhespannung"), "drive"),
     Quantity("voltage_v", "V", (), "recording"),  # `Heading.drives` says which column is one
-    Quantity("time_us", "us", ("time", "t", "zeit", "temps", "x axis", ""), "time"),
+    Quantity("time_us", "us", ("time", "t", "elapsed time", "zeit", "temps", "x axis", ""), "time"),
     Quantity("displacement_um", "um", _PLACES, "trace"),
     Quantity("velocity_mm_s", "mm/s", _VELOCITIES, "trace"),
     Quantity("tip_displacement_um", "um", ("tip displacement", "tip position", "spitze"), "trace"),

@@ -14,6 +14,7 @@ from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
 from psafit.experiment.importing.layout import Head, body, names
 from psafit.experiment.importing.numerals import NOTATIONS, is_number
+from psafit.experiment.importing.over_time import clock
 from psafit.experiment.importing.quantities import BLANKS, CLOCK_UNITS, COMMENTS, STEPS
 from psafit.experiment.importing.records import Mapping, Options
 from psafit.experiment.importing.units import Unit, spacing
@@ -111,7 +112,10 @@ def _moving(grid: Grid, head: Head, options: Options) -> list[int]:
         column = Column(motions[0], head.headings[motions[0]], "")
         launch = next(q.column for q in could[motions[0]] if q.role == "reading")
         what = f"column {column.name} may be a trace over time, or read of launches"
-        raise fault(grid, head, what, f"say its step, such as --step 1:us, or {option(column.option, launch)}")
+        others = [Column(k, h, "") for k, h in enumerate(head.headings) if k not in mapped and k not in motions]
+        found = clock(grid, head, others, options)
+        remedy = found[1] if found else "say its step, such as --step 1:us"
+        raise fault(grid, head, what, f"{remedy}, or {option(column.option, launch)}")
     return []
 
 

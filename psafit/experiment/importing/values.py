@@ -107,9 +107,7 @@ def readings(
     return found, notation.decimal
 
 
-def _at_rest(
-    grid: Grid, row: Row, drive: Drive, chosen: Chosen, settings: dict[str, float], options: Options
-) -> Drive:
+def _at_rest(grid: Grid, row: Row, drive: Drive, chosen: Chosen, settings: dict[str, float], options: Options) -> Drive:
     """The drive of a row with its own voltages.
 
     Raises
