@@ -10,6 +10,8 @@ import pytest
 from psafit.drives import Drive
 from psafit.errors import InputError
 from psafit.experiment.importing import Mapping, Options, Table, read_files
+from psafit.experiment.importing.headings import heading
+from psafit.experiment.importing.units import Unit
 
 RESTS = (("idle_v", 0.0),)
 OFFSET = "Frequency (Hz);Amplitude (Vpp);DC offset (V);Range (um)\n1200;20;10;76\n1300;20;10;75\n1400;20;10;73.5\n"
@@ -97,3 +99,56 @@ def test_launches_with_a_clock_are_no_recording(tmp_path: Path) -> None:
     ):
         (table,) = tables(tmp_path, content, values=held)
         assert table.groups[0].time_us is None
+
+
+UNREAD = {
+    "decibels of a volt": ("f (Hz)", "Level (dBV)", "Range (um)", 1, "10^(x/20) of each number x, in V RMS"),
+    "decibels of a range": ("f (Hz)", "Vp", "Range (dB re 1 um)", 2, "times what 0 dB stands for"),
+    "a field": ("f (Hz)", "Field (kV/mm)", "Range (um)", 1, "times the thickness of a layer"),
+    "per cent": ("f (Hz)", "Amplitude [%]", "Range (um)", 1, "the part times what the whole is, in V"),
+    "a period": ("Period (us)", "Vp", "Range (um)", 0, "give one over the period, in Hz"),
+    "radians": ("omega / rad/s", "Vp", "Range (um)", 0, "give it over 2 pi, in Hz"),
+    "a logarithm": ("log10 f (Hz)", "Vp", "Range (um)", 0, "give 10^x of each number x"),
+    "a speed": ("f (Hz)", "Vp", "Range (mm/s)", 2, "give it in um, or correct its heading"),
+    "volts": ("f (Hz)", "Vp", "Range (V)", 2, "say what one volt is: --column 'Range (V)=launch_range_um:5um/V'"),
+}
+NAMES = ("frequency_hz", "amplitude_v", "launch_range_um")
+
+
+@pytest.mark.parametrize(("f", "u", "r", "place", "said"), UNREAD.values(), ids=UNREAD.keys())
+def test_a_unit_of_another_kind_is_converted_by_its_owner(
+    f: str, u: str, r: str, place: int, said: str, tmp_path: Path
+) -> None:
+    """Also where a row of units gives it, and where the user hides it behind one of psafit's."""
+    headings = (f, u, r)
+    content = ";".join(headings) + "\n2;20;30\n3;20;40\n"
+    assert said in refused(tmp_path, content)
+    unit = ("Hz", "V", "um")[place]
+    hidden = Mapping(headings[place], NAMES[place], Unit(unit))
+    assert said in refused(tmp_path, content, columns=(hidden,))
+
+
+def test_a_row_of_units_hides_none_either(tmp_path: Path) -> None:
+    content = "f;Amplitude;Range\nHz;dBV;um\n100;20;30\n"
+    assert "in V RMS" in refused(tmp_path, content)
+    assert "in V RMS" in refused(tmp_path, content, columns=(Mapping("2", "amplitude_v", Unit("V", "pp")),))
+
+
+def test_remarks_in_brackets_are_no_units(tmp_path: Path) -> None:
+    content = "f (set);Amplitude (drive);Range (run 2);Humidity (%)\n100;40;30;50\n"
+    units = (Unit("Hz"), Unit("V", "pp"), Unit("um"))
+    said = tuple(Mapping(str(k), name, unit) for k, (name, unit) in enumerate(zip(NAMES, units, strict=True), 1))
+    (table,) = tables(tmp_path, content, columns=said)
+    assert table.groups[0].amplitude_v.tolist() == [20.0] and table.unused == ("Humidity (%)",)
+    with pytest.raises(InputError) as caught:
+        tables(tmp_path, content)
+    assert "in '%'" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("U/V", "V"), ("amp/V", "V"), ("omega / rad/s", "rad/s"), ("Field kV/mm", "kV/mm"), ("v/mm/s", "mm/s")],
+)
+def test_a_unit_without_brackets_is_whole(text: str, said: str) -> None:
+    found = heading(text).unit
+    assert found is not None and found.text == said

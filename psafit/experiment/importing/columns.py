@@ -11,6 +11,7 @@ from psafit.experiment.importing.chosen import (
     ERROR_OF,
     EXAMPLES,
     READ,
+    SIGNALS,
     VOLTAGE,
     WAVEFORM,
     Chosen,
@@ -30,7 +31,7 @@ from psafit.experiment.importing.numerals import is_number, likeliest
 from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, voltages
 from psafit.experiment.importing.quantities import COLUMNS, QUANTITIES, VOLTS, Volts
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
-from psafit.experiment.importing.units import Unit, factor_of
+from psafit.experiment.importing.units import Unit, conversion, factor_of, related
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.text import listed, shown
 from psafit.experiment.trace_table import TIME
@@ -228,11 +229,16 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
     times = [c for c in chosen.unused if c.column == TIME]
     for column in CONDITION_COLUMNS:
         if not chosen.of(column) and column not in held:
-            near = nearest(chosen.unused, head, column)
-            remedy = f"say {option(near or 'NAME', column, '' if near else EXAMPLES[column][0])}"
+            near, other = nearest(chosen.unused, head, column), _in_other_unit(chosen, head, column)
+            what, remedy = "", f"say {option(near or 'NAME', column, '' if near else EXAMPLES[column][0])}"
+            if other:
+                what, remedy = other
             remedy = f"{remedy}, or --set {example(column)} if held"
-            faults.add(fault(grid, head, f"no {column} among {known}", remedy))
-    if not chosen.readings:
+            faults.add(fault(grid, head, f"no {column} among {known}{what}", remedy))
+    of_readings = (_in_other_unit(chosen, head, q.column) for q in QUANTITIES if q.role == "reading")
+    if not chosen.readings and not chosen.not_yet and (other := next(filter(None, of_readings), None)):
+        faults.add(fault(grid, head, f"no launch_range_um among {known}{other[0]}", other[1]))
+    elif not chosen.readings:
         near = nearest(chosen.unused, head, "launch_range_um")
         what, remedy = f"no launch_range_um among {known}", f"say {option(near or 'NAME', 'launch_range_um')}"
         remedy = f"{remedy}, or as one of {listed(name for name in ERROR_OF.values() if name != 'launch_range_um')}"
@@ -246,6 +252,17 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
             what = f"{what}, but {listed(f'{c.column} ({c.name})' for c in chosen.not_yet)}"
             remedy = "psafit cannot use that yet: give a file with launch ranges; it is no launch range"
         faults.add(fault(grid, head, what, remedy))
+
+
+def _in_other_unit(chosen: Chosen, head: Head, name: str) -> tuple[str, str] | None:
+    """What is said of a column that would be this one of psafit's but for its unit, and the remedy."""
+    for column in (c for c in chosen.unused if not c.mapped and c.column != TIME):
+        said, target = head.unit(column.place), COLUMNS[name].unit
+        if said is None or said.kind == target:
+            continue
+        if column.heading.would_be(COLUMNS[name]) or related(said, target):
+            return f": {column.name} {_unread(said, name)}", _how(column, said, name)
+    return None
 
 
 def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults: Faults) -> Column:
@@ -262,9 +279,8 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
     if unit and below and not column.mapped and below.factor(target) != unit.factor(target):
         what = f"column {column.name} is in {shown(unit.text)}, and in {shown(below.text)} by the row of units"
         faults.add(fault(grid, head, what, f"say {option(column.option, column.column, target)}, or what it is in"))
-    elif unit and unit.kind != target:
-        what = f"column {column.name}: {shown(unit.text)} is no unit of {column.column}"
-        faults.add(fault(grid, head, what, f"say {option(column.option, column.column, target)}"))
+    elif (alien := _other_kind(head, column, unit)) is not None:
+        faults.add(fault(grid, head, f"column {column.name} {_unread(alien, column.column)}", _how(column, alien)))
     elif not unit and not own:
         other = {"Hz": "kHz", "V": "mV", "um": "mm", "us": "ms", "mm/s": "m/s"}.get(target, target)
         what = f"column {column.name} gives no unit"
@@ -279,6 +295,26 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
     if column.column == "amplitude_v":
         volts = _volts(grid, head, column, unit, options, own=own, faults=faults)
     return replace(column, unit=unit, volts=volts)
+
+
+def _other_kind(head: Head, column: Column, unit: Unit | None) -> Unit | None:
+    """The unit that a column has, by heading or user, that is none of its quantity; one of a user hides no other."""
+    target = COLUMNS[column.column].unit
+    said = unit if unit and unit.scale is not None else column.heading.unit or head.units[column.place]
+    return next((u for u in (said, unit) if u and u.kind != target), None)
+
+
+def _unread(unit: Unit, column: str) -> str:
+    return f"is in {shown(unit.text)}, which is no unit of {column}"
+
+
+def _how(column: Column, unit: Unit, known: str = "") -> str:
+    """The remedy of a unit of another kind; `known` is the psafit's column, where it is not the column's."""
+    name = known or column.column
+    target = COLUMNS[name].unit
+    if unit.kind == "V" and role(name) in SIGNALS:
+        return f"say what one volt is: {option(column.option, name, f'5{target}/V')}"
+    return conversion(unit, target) or f"give it in {target}, or correct its heading"
 
 
 def _on_scale(grid: Grid, head: Head, column: Column, scale: Unit, faults: Faults) -> Unit:

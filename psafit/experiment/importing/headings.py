@@ -15,13 +15,14 @@ from psafit.experiment.importing.quantities import (
     DRIVING,
     GENERIC,
     NEUTRAL,
+    PERIODS,
     QUANTITIES,
     WAVEFORM_NAMES,
     Quantity,
     Volts,
     words,
 )
-from psafit.experiment.importing.units import Unit, counted, unit
+from psafit.experiment.importing.units import LOGARITHMS, Unit, counted, foreign, unit
 
 _BRACKETS = re.compile(r"[(\[<{]([^()\[\]<>{}]*)[)\]>}]")
 _BETWEEN = re.compile(r"\s+in\s+|\s*[/,_:]\s*|\s+")
@@ -50,6 +51,7 @@ class Heading:
     name : str
         Its words, without the unit and the number.
     unit : Unit or None
+        Of no kind where it is one that psafit does not read.
     volts : {"peak", "pp", "rms"} or None
         How volts are counted.
     number : int or None
@@ -101,6 +103,10 @@ class Heading:
         """What the column may hold; with conditions in its heading also a motion at these."""
         return self.quantities(below) or [q for q in self.without_conditions.quantities(below) if q.role == "trace"]
 
+    def would_be(self, quantity: Quantity) -> bool:
+        """Whether it is called so, whatever its unit."""
+        return self._called(quantity, None) or (quantity.column == "frequency_hz" and self.name in PERIODS)
+
     def _called(self, quantity: Quantity, said: Unit | None) -> bool:
         bare = " ".join(w for w in self.name.split() if w not in NEUTRAL)
         if not bare:  # a unit alone says what it is of
@@ -128,15 +134,14 @@ def heading(text: str) -> Heading:
         return Heading(text, words(text), Unit(own.unit), volts, None, own.column)
     if len(text) > 200 or not text.isprintable():  # prose, or damaged
         return Heading(text, words(text), None, None, None)
-    rest, found = text, None
-    for inside in _BRACKETS.finditer(text):
-        if found := unit(inside[1]):
-            rest = f"{text[: inside.start()]} {text[inside.end() :]}"
-            break
+    found, rest = _in_brackets(text)
     if found is None:
-        found, rest = _at_the_end(rest)
+        found, rest = _at_the_end(text)
     name, number = _numbered(rest)
     name, volts = _counted(name, found)
+    first, _, others = name.partition(" ")
+    if first in LOGARITHMS and others:
+        name, found = others, Unit(f"{first} {found.text if found else ''}".strip())
     return Heading(text, name, found, volts, number, "", *_conditions(text))
 
 
@@ -156,16 +161,31 @@ def _conditions(text: str) -> tuple[tuple[Condition, ...], str]:
     return tuple(found.values()), " ".join(rest.split()) if found else ""
 
 
+def _in_brackets(text: str) -> tuple[Unit | None, str]:
+    """The unit in brackets of a heading, and the text without it."""
+    for known in (unit, foreign):
+        for inside in _BRACKETS.finditer(text):
+            if found := known(inside[1]):
+                return found, f"{text[: inside.start()]} {text[inside.end() :]}"
+    return None, text
+
+
 def _at_the_end(text: str) -> tuple[Unit | None, str]:
     """The unit without brackets that a heading ends in, or consists of, and what stands before it."""
     whole = unit(text)
     if whole and (len(text) > 1 or text == "V"):  # N, m and s have other meanings
         return whole, ""
     for between in _BETWEEN.finditer(text):
-        found = unit(text[between.end() :])
+        found = unit(text[between.end() :]) or _foreign(text[between.end() :])
         if found and text[: between.start()].strip():
             return found, text[: between.start()]
     return None, text
+
+
+def _foreign(text: str) -> Unit | None:
+    """A unit of no kind without brackets; ``U/V`` is none, but a name and its unit."""
+    above = words(text.partition("/")[0])
+    return None if len(above) == 1 or any(above in q.names for q in QUANTITIES if above) else foreign(text)
 
 
 def _numbered(text: str) -> tuple[str, int | None]:

@@ -11,7 +11,7 @@ from psafit.experiment.importing.headings import Heading, heading
 from psafit.experiment.importing.numerals import is_number
 from psafit.experiment.importing.quantities import BLANKS, CELL_ERRORS, COMMENTS, SUMMARIES, words
 from psafit.experiment.importing.records import IGNORED, Mapping, Options
-from psafit.experiment.importing.units import Unit, unit
+from psafit.experiment.importing.units import Unit, foreign, unit
 from psafit.experiment.text import shown
 
 
@@ -152,7 +152,7 @@ def _units(
         if row.is_blank:
             continue
         texts = _uncommented(row, grid.separator in BLANKS)
-        found = [unit(text) for text in texts]
+        found = [unit(text) or foreign(text) for text in texts]
         gap = grid.separator in BLANKS and len(texts) < len(headings)  # which one has no unit cannot be known
         numbers = any(is_number(text) for place, text in enumerate(texts) if place in named or not named)
         if not any(found) or numbers or len(texts) > len(headings) or gap:

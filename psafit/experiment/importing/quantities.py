@@ -115,6 +115,8 @@ COUNTED: dict[Volts, tuple[str, ...]] = {
 }  # fmt: skip
 VOLTS: dict[Volts, str] = {"peak": "zero to peak", "pp": "peak to peak", "rms": "RMS"}
 WAVEFORM_NAMES = {"waveform", "wave form", "wave", "signalform", "kurvenform", "wellenform"}
+# What is one over a frequency.
+PERIODS = {"period", "period time", "periode", "periodendauer", "période"}
 # What a header calls the distance of samples, or their rate, by the unit of psafit's; and the unit of its clock.
 STEPS = dict.fromkeys(
     (

@@ -16,6 +16,10 @@ _UNIT = re.compile(r"[A-Za-zµμ]+(?:\^-?[1-3]|[²³])?(?:[/*·][A-Za-zµμ]+(?:
 _RAISED = str.maketrans("⁻¹²³", "-123")
 _SCALED = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,2})?)[\s*]*(\D.*)", re.ASCII)
 _SAMPLES = re.compile(r"^([kMG]?)(?:Sa?|[Ss]amples?)/s(?:ec)?$")
+# Of other units those that are no words; a ratio of levels, parts, angles, or what pint knows as a quotient or a power.
+_FOREIGN = re.compile(r"dB.*|[%‰]|°.*|rad|deg|rpm")
+# What a logarithm is of: its base.
+LOGARITHMS = {"log10": "10", "lg": "10", "log": "10", "ln": "e", "log2": "2"}
 _VOLTS = re.compile(r"([a-zµμ]?V(?:olts?)?)[\s_.-]*(\S.*)", re.IGNORECASE)
 
 
@@ -82,6 +86,44 @@ def unit(text: str) -> Unit | None:
     if (found := _VOLTS.fullmatch(text)) and (volts := counted(found[2])) and Unit(found[1]).kind == "V":
         return Unit(found[1], volts)
     return None
+
+
+def foreign(text: str) -> Unit | None:
+    """A unit, of no `kind`, that is none of a quantity that psafit knows: ``dBV``, ``kV/mm``, ``%``, ``rad/s``."""
+    text = text.strip().strip("([<{}>])").strip()
+    if _FOREIGN.fullmatch(text):
+        return Unit(text)
+    if len(text) > 20 or text.isalpha() or not _UNIT.fullmatch(text) or unit(text):
+        return None
+    try:
+        _registry().parse_units(text)
+    except (pint.PintError, ValueError):
+        return None
+    return Unit(text)
+
+
+def related(said: Unit, target: str) -> str:
+    """How numbers in a unit that no other quantity has are turned into `target`; empty where they are not."""
+    if target == "V" and said.text == "dBV":
+        return "give 10^(x/20) of each number x, in V RMS"
+    if target == "V" and factor_of(said.text, "V/m") is not None:
+        return "give the field times the thickness of a layer, in V"
+    if target == "Hz" and factor_of(said.text.replace("rad", "Hz·s", 1), "Hz") is not None:
+        return "give it over 2 pi, in Hz"
+    return "give it over 60, in Hz" if target == "Hz" and said.text == "rpm" else ""
+
+
+def conversion(said: Unit, target: str) -> str:
+    """How numbers in a unit of another kind are turned into `target`; empty where nothing is known of that."""
+    if found := related(said, target):
+        return found
+    if base := LOGARITHMS.get(said.text.partition(" ")[0]):
+        return f"give {base}^x of each number x"
+    if said.text.startswith("dB"):
+        return "give 10^(x/20) of each number x, times what 0 dB stands for"
+    if said.text in ("%", "‰"):
+        return f"give the part times what the whole is, in {target}"
+    return "give one over the period, in Hz" if target == "Hz" and said.kind == "us" else ""
 
 
 def scaled(text: str) -> Unit | None:
