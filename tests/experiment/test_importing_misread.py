@@ -152,3 +152,24 @@ def test_remarks_in_brackets_are_no_units(tmp_path: Path) -> None:
 def test_a_unit_without_brackets_is_whole(text: str, said: str) -> None:
     found = heading(text).unit
     assert found is not None and found.text == said
+
+
+SIDE = "f (Hz);Vp;Range (um);;f (Hz);Vp;Range (um)\n100;20;1.5;;100;20;2\n150;20;4;;150;20;5.6\n"
+
+
+def test_tables_next_to_each_other_are_no_repetitions(tmp_path: Path) -> None:
+    """Also where numbers of columns choose the conditions of the first."""
+    asked = refused(tmp_path, SIDE)
+    others = [f"--column {k}=ignore" for k in (5, 6, 7)]
+    assert asked.endswith(f"save each as a file of its own, or say {' '.join(others)}")
+    first = (Mapping("1", "frequency_hz"), Mapping("2", "amplitude_v"))
+    assert refused(tmp_path, SIDE, columns=first) == asked
+    left = tuple(Mapping(str(k), "ignore") for k in (5, 6, 7))
+    assert refused(tmp_path, SIDE, columns=left[:2]) == asked
+    (table,) = tables(tmp_path, SIDE, columns=left)
+    assert table.groups[0].reading.tolist() == [1.5, 4.0]
+
+
+def test_one_of_several_columns_of_one_heading_is_named_by_its_number(tmp_path: Path) -> None:
+    asked = refused(tmp_path, "f (Hz);f (Hz);Vp;Range (um)\n100;100;20;1.5\n")
+    assert asked.endswith("say which: --column 2=frequency_hz")

@@ -290,9 +290,9 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
         header_line=head.line,
         columns=tuple(columns),
         examples=tuple(shown_rows),
-        unused=tuple(c.option for c in chosen.unused if c.heading.text),
+        unused=tuple(c.title for c in chosen.unused if c.heading.text),
         labelled=tuple(_labelled(chosen, rows.rows)),
-        not_yet=tuple((c.option, c.column) for c in chosen.not_yet),
+        not_yet=tuple((c.title, c.column) for c in chosen.not_yet),
         left_out=(*rows.left_out, *early),
         groups=tuple(groups),
     )
@@ -340,16 +340,14 @@ def _columns(chosen: Chosen, options: Options, zeros: dict[str, float]) -> list[
     """How psafit's columns came from those of the file, in psafit's order."""
     held = [*chosen.held(options), *chosen.settings(options)]
     columns = [Understood(name, (), SHAPES.get(name) or COLUMNS[name].unit, 1.0) for name in held]
-    named = (
-        (n, tuple(c.option for c in chosen.columns if any(a.column == n for a in c.at))) for n in CONDITION_COLUMNS
-    )
+    named = ((n, tuple(c.title for c in chosen.columns if any(a.column == n for a in c.at))) for n in CONDITION_COLUMNS)
     columns += [Understood(name, headings, COLUMNS[name].unit, 1.0) for name, headings in named if headings]
     for name in dict.fromkeys(c.column for c in chosen.columns if c.column in COLUMNS):
         same = chosen.of(name)
         units = {c.unit.said: c.unit.factor(COLUMNS[name].unit) for c in same if c.unit}
         factor = float(next(iter(units.values())) or 1) if len(units) == 1 else 1.0
         zero = zeros.get(name, 0.0)
-        columns.append(Understood(name, tuple(c.option for c in same), ", ".join(units), factor, same[0].volts, zero))
+        columns.append(Understood(name, tuple(c.title for c in same), ", ".join(units), factor, same[0].volts, zero))
     order = [*COLUMNS, *SHAPES]
     return sorted(columns, key=lambda c: order.index(c.column))
 

@@ -74,9 +74,15 @@ class Column:
         return () if self.mapped or role(self.column) != "trace" else self.heading.at
 
     @property
-    def option(self) -> str:
-        """What ``--column`` calls it."""
+    def title(self) -> str:
+        """Its heading, or its number where it has none."""
         return self.heading.text or str(self.place + 1)
+
+    @property
+    def option(self) -> str:
+        """What ``--column`` calls it; of several with one heading all, if they are readings, else its number."""
+        one = self.heading.repeats and role(self.column) not in SIGNALS
+        return str(self.place + 1) if one else self.title
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,8 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
         _check_motion(grid, head, chosen, faults)
         check_launches(grid, head, chosen, options, faults)
         faults.end()
+    _check_one_table(grid, head, chosen, faults)
+    faults.end()
     for column in dict.fromkeys(c.column for c in chosen.columns):
         _check_several(grid, head, chosen.of(column), faults)
     (check_trace if traced else _check_missing)(grid, head, chosen, options, faults)
@@ -198,6 +200,19 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Fa
     faults.add(fault(grid, head, what, f"say which: {option(columns[-1].option, first.column)}"))
 
 
+def _check_one_table(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
+    """Headings of a condition and of something else that come again are those of another table, next to the first."""
+    first = {c.heading.text: c.place for c in reversed(chosen.columns) if c.heading.text}
+    again = [c for c in (*chosen.columns, *chosen.unused) if c.place > first.get(c.heading.text, c.place)]
+    twice = {c.column for c in chosen.columns if c.heading.text in {a.heading.text for a in again}}
+    if len(twice) < 2 or twice.isdisjoint(CONDITION_COLUMNS) or all(a.column == IGNORED for a in again):
+        return
+    at = min(again, key=lambda c: c.place)
+    what = f"headings come again from column {at.place + 1} on, {at.name}: another table next to the first"
+    others = (option(str(c.place + 1), IGNORED) for c in sorted(again, key=lambda c: c.place))
+    faults.add(fault(grid, head, what, f"save each as a file of its own, or say {' '.join(others)}"))
+
+
 def _repeated(columns: Sequence[Column]) -> bool:
     """Whether columns have one name, or one but for numbers from 0 or 1."""
     same_name = len({c.heading.name for c in columns}) == 1
@@ -214,12 +229,7 @@ def _check_motion(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
     if times and not chosen.readings and not chosen.of("frequency_hz"):
         looks = f"column {times[0].name} looks like a trace over time, but none is a motion"
         what = f"no frequency_hz among {all_headings(head)}: {looks}"
-        texts = [h.text for h in head.headings]
-        volts = [
-            c.option if texts.count(c.option) == 1 else str(c.place + 1)
-            for c in (*chosen.unused, *chosen.of("amplitude_v"))
-            if in_volts(c, head)
-        ]
+        volts = [c.option for c in (*chosen.unused, *chosen.of("amplitude_v")) if in_volts(c, head)]
         scale = option(volts[-1] if volts else "NAME", "velocity_mm_s", "5mm/s/V")
         faults.add(fault(grid, head, what, f"say what one volt is, such as {scale} or 2um/V, of displacement_um"))
 

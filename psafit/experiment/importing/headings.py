@@ -62,6 +62,8 @@ class Heading:
         Those that it names, such as ``Displacement 1.2 kHz, 20 Vp (um)``; they are in its name, too.
     bare : str
         Its text without them.
+    repeats : bool
+        Whether another column has the same.
     """
 
     text: str
@@ -72,11 +74,16 @@ class Heading:
     own: str = ""
     at: tuple[Condition, ...] = ()
     bare: str = ""
+    repeats: bool = False
 
     @property
     def without_conditions(self) -> Heading:
         """The heading of what was read at the conditions that it names."""
-        return replace(heading(self.bare), text=self.text, at=self.at, bare=self.bare) if self.at else self
+        return (
+            replace(heading(self.bare), text=self.text, at=self.at, bare=self.bare, repeats=self.repeats)
+            if self.at
+            else self
+        )
 
     @property
     def is_waveform(self) -> bool:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.grid import Grid, Row
@@ -81,7 +82,8 @@ def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_li
         if sum(map(is_number, row.cells)) > sum(bool(t) and not is_number(t) for t in texts):
             begun = begun or _holds(row, options)
             continue
-        headings = tuple(heading(text) for text in texts)
+        same = Counter(texts)
+        headings = tuple(replace(heading(text), repeats=same[text] > 1) if text else heading("") for text in texts)
         units, first = _units(grid, headings, index + 1, options)
         mapped = {place: m.column for m in options.columns for place in names(m, headings)}
         others = [(h, u) for k, (h, u) in enumerate(zip(headings, units, strict=True)) if k not in mapped]
