@@ -173,3 +173,21 @@ def test_tables_next_to_each_other_are_no_repetitions(tmp_path: Path) -> None:
 def test_one_of_several_columns_of_one_heading_is_named_by_its_number(tmp_path: Path) -> None:
     asked = refused(tmp_path, "f (Hz);f (Hz);Vp;Range (um)\n100;100;20;1.5\n")
     assert asked.endswith("say which: --column 2=frequency_hz")
+
+
+def test_a_minus_of_typesetters_is_one(tmp_path: Path) -> None:
+    content = OFFSET.replace(";10;", ";\N{MINUS SIGN}1.5e1;")
+    (table,) = tables(tmp_path, content, values=RESTS)
+    assert table.groups[0].drive.bias_v == -15.0
+
+
+@pytest.mark.parametrize("heading", ["Vib Velocity", "Vibration velocity", "Measured velocity"])
+def test_what_vibrometers_call_their_velocity(heading: str, tmp_path: Path) -> None:
+    content = f"Signal:;Time Domain\n\nTime;{heading}\n[ s ];[ m/s ]\n" + "".join(f"{k}e-5;{k}\n" for k in range(12))
+    (table,) = tables(tmp_path, content, **HELD, start_us=0.0)
+    assert table.groups[0].observable.column == "velocity_mm_s" and table.groups[0].reading[1] == 1000.0
+
+
+def test_one_column_in_a_unit_of_motion_is_proposed(tmp_path: Path) -> None:
+    content = "Time (s);Laser (um);Status\n" + "".join(f"{k}e-5;{k};0\n" for k in range(12))
+    assert "; say --column 'Laser (um)=displacement_um' if it is" in refused(tmp_path, content, **HELD)

@@ -229,9 +229,15 @@ def _check_motion(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
     if times and not chosen.readings and not chosen.of("frequency_hz"):
         looks = f"column {times[0].name} looks like a trace over time, but none is a motion"
         what = f"no frequency_hz among {all_headings(head)}: {looks}"
-        volts = [c.option for c in (*chosen.unused, *chosen.of("amplitude_v")) if in_volts(c, head)]
-        scale = option(volts[-1] if volts else "NAME", "velocity_mm_s", "5mm/s/V")
-        faults.add(fault(grid, head, what, f"say what one volt is, such as {scale} or 2um/V, of displacement_um"))
+        moving = {q.unit: q.column for q in reversed(QUANTITIES) if q.role == "trace"}
+        units = [(c, u.kind) for c in chosen.unused if (u := head.unit(c.place)) and u.kind in moving]
+        if len(units) == 1:
+            remedy = f"say {option(units[0][0].option, moving[units[0][1]])} if it is that of the ball"
+        else:
+            volts = [c.option for c in (*chosen.unused, *chosen.of("amplitude_v")) if in_volts(c, head)]
+            scale = option(volts[-1] if volts else "NAME", "velocity_mm_s", "5mm/s/V")
+            remedy = f"say what one volt is, such as {scale} or 2um/V, of displacement_um"
+        faults.add(fault(grid, head, what, remedy))
 
 
 def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:

@@ -13,6 +13,7 @@ from psafit.experiment.importing.units import Unit, unit
 
 _SPACES = " \u00a0\u202f\u2009"
 _QUOTES = "'’"
+_MINUS = "\N{MINUS SIGN}"  # as typesetters write it
 _WITH_UNIT = re.compile(r"([+\-−]?[\d.,].*?)\s*([A-Za-zµμ][A-Za-zµμ/^\d²³ .-]*)?")
 
 
@@ -36,6 +37,7 @@ class Notation:
 
     def value(self, text: str) -> Decimal | None:
         """The value of a number; None where it is none in this notation."""
+        text = text.replace(_MINUS, "-")
         if found := self._grouped.fullmatch(text):
             text = text.replace(found[1], "")
         elif not self._plain.fullmatch(text):

@@ -93,7 +93,7 @@ BASES = ("hertz", "volt", "meter", "micron", "inch", "thou", "second", "newton",
 UNITS = tuple(dict.fromkeys(quantity.unit for quantity in QUANTITIES))
 
 # Words that say nothing of what is measured. "Generator", "input" and "monitor" are none: an amplifier lies between.
-NEUTRAL = {"measured", "drive", "driving", "excitation", "ball", "stack", "piezo", "applied", "the"}
+NEUTRAL = {"measured", "vib", "vibration", "drive", "driving", "excitation", "ball", "stack", "piezo", "applied", "the"}
 # Words of the drive's voltage itself, and those that name where it was recorded.
 DRIVING = {"drive", "driving", "excitation", "stack", "piezo", "applied", "antrieb", "antriebsspannung", "ansteuerung"}
 CHANNELS = {
