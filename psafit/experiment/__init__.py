@@ -85,7 +85,7 @@ def read_experiment(folder: str | Path) -> Experiment:
         On anything unusable: a line for each fault with file, line where there is one, and remedy.
     """
     folder = Path(folder)
-    plan, source = _read(folder, planned=False)
+    plan, source, jumps = _read(folder, planned=False)
     title, constants = plan.title, plan.constants
     groups = tuple(g for g in plan.groups if isinstance(g, Group))
     rigs = dict.fromkeys([constants, *(g.rig(constants) for g in groups)])
@@ -106,6 +106,7 @@ def read_experiment(folder: str | Path) -> Experiment:
             *dict.fromkeys(line for rig in rigs for line in suspicious_constants(rig)),
             *(suspicious_facts(plan.rig, constants, groups) if plan.rig else ()),
             *(line for group in groups for line in suspicious_readings(group, group.rig(constants))),
+            *jumps,
             *copied_groups(groups),
             *disagreeing_groups(groups),
         ),
@@ -169,8 +170,8 @@ def read_plan(folder: str | Path) -> Plan:
     return _read(Path(folder), planned=True)[0]
 
 
-def _read(folder: Path, *, planned: bool) -> tuple[Plan, str]:
-    """What an experiment folder holds, and its source; all faults that do not follow from each other, at once."""
+def _read(folder: Path, *, planned: bool) -> tuple[Plan, str, list[str]]:
+    """What an experiment folder holds, its source, and drives that jump; all faults that do not follow from others."""
     definition = _definition(folder)
     faults = definition.faults
     data = definition.data
@@ -201,7 +202,8 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str]:
         for fault in definition.doubts():
             faults.add(fault)
     faults.end()
-    return Plan(constants, tuple(groups), definition.known(stated, rig, constants), limits, title, rig), source
+    plan = Plan(constants, tuple(groups), definition.known(stated, rig, constants), limits, title, rig)
+    return plan, source, definition.jumps()
 
 
 def _sweep(declared: DeclaredGroup, *, planned: bool) -> Conditions:

@@ -328,6 +328,17 @@ class Definition:
                     found.append(self.error(*said, place, name))
         return found
 
+    def jumps(self) -> list[str]:
+        """One line for each group with a bias that does not say what its drive rests at, where all was read."""
+        found = []
+        for table in self.data["group"]:
+            bias = _number(table.get("bias_v")) or 0.0
+            if bias and "idle_v" not in table:
+                what = f"the drive jumps from 0 to {bias:g} V at its start"
+                remedy = f"does it rest at the bias? Then say idle_v = {bias:g}, else idle_v = 0"
+                found.append(f"{DEFINITION}: group {table['id']}: {what}; {remedy}")
+        return found
+
     def _material(self, name: str, value: object) -> str:
         if not isinstance(value, str):
             raise self.error(f"{name} is no text", f"write it in quotes: {listed(MATERIALS)}", "rig", name)

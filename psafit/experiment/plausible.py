@@ -17,7 +17,7 @@ from psafit.experiment.records import DEFINITION, Constants, Group
 from psafit.experiment.rig import MATERIALS, Rig, is_rated_stroke
 from psafit.experiment.table import read_csv, readings_of
 from psafit.experiment.text import one_line
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, Observable
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
 
 _EXAMPLE = "EXAMPLE, replace:"
 _POWER = "is a power of ten wrong?"
@@ -307,7 +307,7 @@ def _suspicious_volts(v_max: float) -> list[str]:
     return [f"amplitudes reach {v_max:g} V, above 1 kV; given in mV?"] if v_max > 1000 else []
 
 
-def _suspicious_recording(group: Group, v_max: float, shortest_us: float = 1.0) -> list[str]:
+def _suspicious_recording(group: Group, v_max: float, shortest_us: float = 1.0, overshoot: float = 1.5) -> list[str]:
     """What a recorded drive says, and the times of a trace.
 
     Parameters
@@ -317,11 +317,17 @@ def _suspicious_recording(group: Group, v_max: float, shortest_us: float = 1.0) 
         The amplitude, V.
     shortest_us : float
         No drive of a stack, and no contact, is over sooner.
+    overshoot : float
+        Levels of one period are 1 at the amplitude, and not so far beyond it.
     """
     found = []
     if group.time_us is not None and group.time_us[-1] < shortest_us:
         found.append(f"the trace ends after {group.time_us[-1]:g} us; is its time given in s or ms?")
     table = group.drive.table
+    if table is not None and not table.recorded and (level := float(np.abs(table.value).max())) > overshoot:
+        found.append(
+            f"levels in {group.drive.file} reach {level:g}, and a level is per volt of amplitude_v; are these volts?"
+        )
     if table is None or not table.recorded:
         return found
     lasts_us, most_v = 1e6 * float(table.at[-1]), float(np.abs(table.value).max())
@@ -386,7 +392,9 @@ def _spread(part: Group, least: int = 10, factor: float = 10.0) -> list[str]:
     return []
 
 
-def _suspicious_trace(part: Group, most: int = 2000, early: float = 0.1, far: float = 0.5) -> list[str]:
+def _suspicious_trace(
+    part: Group, most: int = 2000, early: float = 0.1, far: float = 0.5, late: float = 0.9, turned: float = 2.0
+) -> list[str]:
     """What the samples of a trace say together.
 
     Parameters
@@ -396,6 +404,9 @@ def _suspicious_trace(part: Group, most: int = 2000, early: float = 0.1, far: fl
         Samples beyond which more of them say little: their errors are correlated.
     early, far : float
         A trace that begins within this part of its length, this part of its reach from zero, is not counted from rest.
+    late, turned : float
+        The drive throws the ball to the positive side. A trace that lies below zero from this part of its length on,
+        and reaches so many times farther there than above, is counted the other way.
     """
     if part.time_us is None:
         return []
@@ -407,6 +418,12 @@ def _suspicious_trace(part: Group, most: int = 2000, early: float = 0.1, far: fl
     if begins and abs(part.reading[0]) > far * np.abs(part.reading).max():
         found.append(
             f"{part.observable.column} begins at {part.reading[0]:g} {part.observable.unit}; is it counted from rest?"
+        )
+    last = part.reading[part.time_us >= late * part.time_us[-1]]
+    if not part.observable.tip and last.max() < 0 and -part.reading.min() > turned * part.reading.max():
+        found.append(
+            f"{part.observable.column} ends at {last[-1]:g} {part.observable.unit}: the ball is thrown to the negative"
+            " side; is the sign turned?"
         )
     return found
 
@@ -476,10 +493,19 @@ def _rows(group: Group) -> FloatArray:
     return np.column_stack([group.conditions, group.reading])
 
 
+# What readings differ by where volts of one group are counted in another way.
+_COUNTED = (
+    (math.sqrt(2), "are volts of one of them RMS?"),
+    (2.0, "are volts of one of them peak to peak?"),
+    (2 * math.sqrt(2), "are volts of one of them peak to peak, and of the other RMS?"),
+)
+
+
 def disagreeing_groups(groups: Sequence[Group], least: float = 1.4) -> list[str]:
     """One line for each two groups whose readings differ by a factor where they share conditions.
 
-    Readings are ranges or speeds: what is zero where a launch fails grows with the voltage.
+    Readings are ranges or speeds: what is zero where a launch fails grows with the voltage. Of two traces of one
+    condition they are samples at the same times.
 
     Parameters
     ----------
@@ -492,18 +518,43 @@ def disagreeing_groups(groups: Sequence[Group], least: float = 1.4) -> list[str]
     for first, second in itertools.combinations(groups, 2):
         if (first.drive, first.changed) != (second.drive, second.changed):
             continue
-        for o in (o for o in OF_LAUNCHES if not o.blank):
-            mine, others = _means(first, o), _means(second, o)
-            ratios = [others[condition] / mine[condition] for condition in mine if condition in others]
+        for o in OBSERVABLES:
+            ratios = _over_time(first, second, o) if o.traced else _of_launches(first, second, o)
             ratio = float(np.median(ratios)) if ratios else 1.0
-            factor = max(ratio, 1 / ratio)
-            if factor < least:
+            factor = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
+            if factor < least and ratio > 0:
                 continue
-            counted = "peak to peak" if factor > 2**0.75 else "RMS"  # nearer to 2 than to its root
-            places = "one shared condition" if len(ratios) == 1 else f"{len(ratios)} shared conditions"
-            text = f"{o.plural} are {ratio:.3g} times those of group {first.id} at {places}"
-            found.append(one_line(f"{second.file}: group {second.id}: {text}; are volts of one of them {counted}?"))
+            places = "sample" if o.traced else "condition"
+            places = f"one shared {places}" if len(ratios) == 1 else f"{len(ratios)} shared {places}s"
+            text = f"{o.titles if o.traced else o.plural} are {ratio:.3g} times those of group {first.id} at {places}"
+            asked = "is the sign of one of them turned?" if ratio < 0 else _factor_asked(factor)
+            found.append(one_line(f"{second.file}: group {second.id}: {text}; {asked}"))
     return found
+
+
+def _factor_asked(factor: float) -> str:
+    """What is asked of readings that differ by a factor: how volts are counted, where it is nearest to that."""
+    near, asked = min(_COUNTED, key=lambda counted: abs(math.log(factor / counted[0])))
+    return asked if abs(math.log2(factor / near)) <= 0.25 else "is one of them in another unit?"
+
+
+def _of_launches(first: Group, second: Group, o: Observable) -> list[float]:
+    """Readings of the second group over those of the first, at conditions that they share."""
+    mine, others = (_means(g, o) if not o.blank else {} for g in (first, second))
+    return [others[condition] / mine[condition] for condition in mine if condition in others]
+
+
+def _over_time(first: Group, second: Group, o: Observable, far: float = 0.5) -> list[float]:
+    """Samples of the second trace over those of the first, of one condition, beyond `far` of what that reaches."""
+    if any(g.time_us is None or g.observable is not o for g in (first, second)):
+        return []
+    if (first.frequency_hz[0], first.amplitude_v[0]) != (second.frequency_hz[0], second.amplitude_v[0]):
+        return []
+    mine, others = first.time_us, second.time_us
+    assert mine is not None and others is not None
+    size = np.abs(first.reading)
+    shared = (mine >= others[0]) & (mine <= others[-1]) & (size > 0) & (size >= far * size.max())
+    return list(np.interp(mine[shared], others, second.reading) / first.reading[shared])
 
 
 def _means(group: Group, o: Observable) -> dict[tuple[float, float], float]:

@@ -191,7 +191,10 @@ def group_text(group: Conditions, file: str) -> str:
     if condition:
         names = zip(CONDITION_COLUMNS, condition, strict=True)
         lines += [f"{name} = {number_text(value)}" for name, value in names]
-    for key, value in group.drive.settings.items():
+    settings = group.drive.settings
+    if bias := settings.pop("bias_v", None):  # without what it rests at it is asked for
+        settings = {"bias_v": bias, "idle_v": group.drive.idle_v} | settings
+    for key, value in settings.items():
         lines.append(f"{key} = {_quoted(value) if isinstance(value, str) else number_text(value)}")
     if group.changed:
         changed = ", ".join(f"{name} = {number_text(value)}" for name, value in group.changed)

@@ -9,6 +9,7 @@ import pytest
 from folders import HEADER, SIGMA, TOML, write
 
 from psafit.experiment import read_experiment
+from psafit.experiment.writer import group_text
 
 CONSTANT_UNITS = {"M": 27.0, "m": 50.0, "q": 0.12, "l": 90.0, "k_s": 48.9, "g": 981.0}
 
@@ -78,6 +79,12 @@ def test_sigma_in_another_unit_is_named(tmp_path: Path) -> None:
         (2.0, "2 times those of group 1 at one shared condition; are volts of one of them peak to peak?"),
         (0.5, "0.5 times those of group 1 at one shared condition; are volts of one of them peak to peak?"),
         (1.42, "1.42 times those of group 1 at one shared condition; are volts of one of them RMS?"),
+        (
+            2.83,
+            "2.83 times those of group 1 at one shared condition; are volts of one of them peak to peak, and of"
+            " the other RMS?",
+        ),
+        (25.4, "25.4 times those of group 1 at one shared condition; is one of them in another unit?"),
         (1.3, ""),
     ],
 )
@@ -161,3 +168,64 @@ def test_readings_of_one_condition_that_no_scatter_explains_are_named(
     csv = HEADER + "".join(f"1200,20,{r}\n" for r in ranges)
     said = "12 launch ranges of one condition go from 2 to 24 um; are they recorded over time"
     assert any(said in w for w in read_experiment(write(tmp_path, a=csv)).warnings) == asked
+
+
+TRACED = TOML.replace('file = "a.csv"', 'trace = "a.csv"\nfrequency_hz = 1200\namplitude_v = 20')
+TWICE = TRACED.replace('file = "b.csv"', 'trace = "b.csv"\nfrequency_hz = 1200\namplitude_v = 20').replace(
+    '"square"', '"sine"'
+)
+
+
+def traced(factor: float, column: str = "displacement_um", step: int = 10) -> str:
+    """A ball that leaves after 200 us."""
+    rows = (f"{t},{factor * (0.001 * t + max(0, t - 200) / 50)}\n" for t in range(0, 601, step))
+    return f"time_us,{column}\n" + "".join(rows)
+
+
+@pytest.mark.parametrize(
+    ("a", "asked"),
+    [(traced(-1), True), (traced(1), False), (traced(-1, "tip_displacement_um"), False)],
+    ids=["turned", "right", "the tip's"],
+)
+def test_a_trace_of_the_other_sign_is_named(a: str, asked: bool, tmp_path: Path) -> None:
+    warnings = read_experiment(write(tmp_path, TRACED, a=a)).warnings
+    assert [
+        w.endswith("ends at -8.6 um: the ball is thrown to the negative side; is the sign turned?") for w in warnings
+    ] == [True] * asked
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (2.0, "2 times those of group 1 at 21 shared samples; are volts of one of them peak to peak?"),
+        (1e3, "1e+03 times those of group 1 at 21 shared samples; is one of them in another unit?"),
+        (-1.0, "-1 times those of group 1 at 21 shared samples; is the sign of one of them turned?"),
+        (1.2, ""),
+    ],
+)
+def test_traces_of_one_condition_that_differ_are_named(factor: float, said: str, tmp_path: Path) -> None:
+    """By hand: 0.021 t - 4 um is beyond half of 8.6 um from 400 us on: 21 times of the first."""
+    warnings = read_experiment(write(tmp_path, TWICE, a=traced(1), b=traced(factor, step=15))).warnings
+    assert [said in w for w in warnings if "those of group" in w] == [True] * bool(said)
+    other = TWICE.replace("amplitude_v = 20", "amplitude_v = 10", 1)
+    warnings = read_experiment(write(tmp_path, other, a=traced(1), b=traced(factor, step=15))).warnings
+    assert not any("those of group" in w for w in warnings)
+
+
+@pytest.mark.parametrize(("keys", "asked"), [("bias_v = 10", True), ("bias_v = 10\nidle_v = 0", False)])
+def test_a_bias_without_what_it_rests_at_is_named(keys: str, asked: bool, tmp_path: Path) -> None:
+    toml = TOML.replace('waveform = "sine"', f'waveform = "sine"\n{keys}')
+    experiment = read_experiment(write(tmp_path / "a", toml))
+    said = "group 1: the drive jumps from 0 to 10 V at its start; does it rest at the bias? Then say idle_v = 10,"
+    assert [said in w for w in experiment.warnings] == [True] * asked
+    assert "\nbias_v = 10\nidle_v = 0\n" in group_text(experiment.groups[0], "a.csv")
+
+
+@pytest.mark.parametrize(("top", "asked"), [(20.0, True), (1.2, False)])
+def test_levels_in_volts_are_named(top: float, asked: bool, tmp_path: Path) -> None:
+    toml = TOML.replace('waveform = "sine"', 'waveform = "table"\ndrive = "drive.csv"')
+    (tmp_path / "drive.csv").write_text(f"phase,level\n0,0\n0.5,{top}\n1,0\n")
+    warnings = read_experiment(write(tmp_path, toml)).warnings
+    assert [w.endswith("reach 20, and a level is per volt of amplitude_v; are these volts?") for w in warnings] == [
+        True
+    ] * asked

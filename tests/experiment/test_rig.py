@@ -247,10 +247,10 @@ def test_a_rating_is_held_against_layers_and_drive(tmp_path: Path, facts: str, s
 @pytest.mark.parametrize(
     ("keys", "reaches"),
     [
-        ("bias_v = 10", 30),
-        ("bias_v = -10", 30),
+        ("bias_v = 10\nidle_v = 0", 30),
+        ("bias_v = -10\nidle_v = 0", 30),
         ("idle_v = -40", 40),
-        ('waveform = "unipolar_sine"\nbias_v = -10', 20),  # of the other group
+        ('waveform = "unipolar_sine"\nbias_v = -10\nidle_v = 0', 20),  # of the other group
     ],
 )
 def test_a_bias_counts_towards_the_rating(tmp_path: Path, keys: str, reaches: int) -> None:
@@ -274,7 +274,7 @@ def test_each_drive_far_below_zero_is_reported(tmp_path: Path) -> None:
     ("keys", "said"),
     [
         ('waveform = "unipolar_sine"', ""),
-        ('waveform = "sine"\nbias_v = 10', ""),
+        ('waveform = "sine"\nbias_v = 10\nidle_v = 0', ""),
         ('waveform = "sine"\nidle_v = -30', "goes down to -30 V"),
         ('waveform = "triangle"', "is its sign right, and bias_v?"),
     ],
