@@ -57,11 +57,11 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
         click.echo(
             f"{content['title']}: {count(len(content['groups']), 'group')}, {count(content['n_points'], 'reading')}"
         )
-        for group in content["groups"]:
+        for group, of in zip(content["groups"], data.groups, strict=True):
             spans = (_span(group["frequency_hz"], "Hz"), _span(group["amplitude_v"], "V"))
             read = ", ".join(f"{o.title} {_span(group[o.column], o.unit)}" for o in OBSERVABLES if o.column in group)
             click.echo(
-                f"  group {group['id']}: {group['waveform']}, {count(group['n_points'], 'reading')}, "
+                f"  group {group['id']}: {of.drive.label}, {count(group['n_points'], 'reading')}, "
                 f"{spans[0]}, {spans[1]}, {read}{changes_text(group['constants'].items())}"
             )
         for known in content["priors"]:

@@ -202,6 +202,7 @@ def _values(
 
 def _columns_text(table: Table) -> list[str]:
     """What was understood of a table, as lines."""
+    from psafit.experiment.importing.chosen import SETTINGS
     from psafit.experiment.importing.folder import less
     from psafit.experiment.importing.quantities import COLUMNS, SEPARATORS, VOLTS
     from psafit.experiment.importing.recorded import reach
@@ -232,7 +233,10 @@ def _columns_text(table: Table) -> list[str]:
         lines.append(f"  and {len(table.left_out) - 3} more lines left out")
     for example in table.examples:
         readings = "; ".join(
-            ", ".join(f"{value:.10g} {COLUMNS[column].unit}" for column, value in reading)
+            ", ".join(
+                f"{column.removesuffix('_v') if column in SETTINGS else ''} {value:.10g} {COLUMNS[column].unit}".strip()
+                for column, value in reading
+            )
             for reading in example.readings
         )
         lines.append(f"  line {example.line}: {' | '.join(example.cells)[:80]}  ->  {readings}")

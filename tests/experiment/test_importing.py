@@ -312,6 +312,21 @@ def test_an_import_prints_its_labels_and_proposes_what_new_does(
     assert "cycles = 5\n" in written and "phase_deg = -30\n" in written
 
 
+def test_the_drive_is_printed_with_its_voltages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Those of a row when it is imported, those of a group when it is checked; `waveform` in JSON is the bare name."""
+    monkeypatch.chdir(tmp_path)
+    write(Path("a.csv"), HEAD.strip() + ";DC offset (V)\n1200;20;76;10\n1300;20;75.5;10\n")
+    rig = [w for name in ("M=0.02", "m=0.008", "q=1.5e-7", "l=0.2", "k_s=3.5e7", "g=9.81") for w in ("--set", name)]
+    given = ["--waveform", "unipolar_sine", "--column", "DC offset (V)=bias_v", "--set", "idle_v=5", *rig]
+    assert run(monkeypatch, "import", "a.csv", *given, "--out", "rig") == 0
+    assert "->  1200 Hz, 20 V, 76 um, bias 10 V\n" in capsys.readouterr().out
+    assert run(monkeypatch, "check", "rig", "--json", "said.json") == 0
+    assert "group 1: unipolar sine (bias 10 V, idle 5 V), 2 readings" in capsys.readouterr().out
+    assert json.loads(Path("said.json").read_text("utf-8"))["groups"][0]["waveform"] == "unipolar_sine"
+
+
 def test_a_bias_is_in_a_recorded_drive(tmp_path: Path) -> None:
     scope = write(tmp_path / "scope.csv", "Time (us),CH1 (V)\n" + "".join(f"{10 * i},{i}\n" for i in range(12)))
     said = Options(drive_file=scope)

@@ -274,7 +274,8 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     order = list(COLUMNS)
     cells = {row.line: row.texts[: grid.counts] for row in rows.rows}
     first = list(dict.fromkeys(r.line for r in found[: 100 * examples]))[:examples]
-    shown_rows = [Example(line, cells[line], tuple(_values(found, line, order))) for line in first]
+    own = [c.column for c in chosen.columns if c.column in SETTINGS]
+    shown_rows = [Example(line, cells[line], tuple(_values(found, line, own, order))) for line in first]
     early = ((line, " ".join(filter(None, cells[line]))) for line in sorted(sampled.before if sampled else ()))
     groups = (
         [trace_of(k, trace) for k, trace in enumerate(sampled.traces, first_id)]
@@ -352,10 +353,13 @@ def _columns(chosen: Chosen, options: Options, zeros: dict[str, float]) -> list[
     return sorted(columns, key=lambda c: order.index(c.column))
 
 
-def _values(found: Sequence[Reading], line: int, order: Sequence[str]) -> Iterator[tuple[tuple[str, float], ...]]:
-    """What was read in a line, each in the order of psafit's columns."""
+def _values(
+    found: Sequence[Reading], line: int, own: Sequence[str], order: Sequence[str]
+) -> Iterator[tuple[tuple[str, float], ...]]:
+    """What was read in a line, with voltages of the drive that stand in it, each in the order of psafit's columns."""
     for reading in (r for r in found if r.line == line):
-        yield tuple(sorted(reading.values, key=lambda pair: order.index(pair[0])))
+        values = (*reading.values, *((name, getattr(reading.drive, name)) for name in own))
+        yield tuple(sorted(values, key=lambda pair: order.index(pair[0])))
 
 
 def _group(number: int, part: Sequence[Reading]) -> Group:
