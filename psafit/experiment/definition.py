@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 import stat
@@ -20,7 +19,7 @@ from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, 
 from psafit.experiment.rig import ALIASES, MATERIALS, Followed, Rig, material_named
 from psafit.experiment.rig import beliefs as rig_beliefs
 from psafit.experiment.table import LIMITS as COLUMN_LIMITS
-from psafit.experiment.text import did_you_mean, listed, one_line, read_text, shown, unreadable
+from psafit.experiment.text import did_you_mean, listed, near_names, one_line, read_text, shown, unreadable
 from psafit.parameters import Belief, LogNormal, Normal
 
 MAX_ID = 999_999_999
@@ -185,7 +184,7 @@ class Definition:
         found, stands_for = [], set()
         for key in table:
             if key not in known:
-                near = difflib.get_close_matches(key[:40], known, n=1)
+                near = near_names(key, known, 1)
                 stands_for |= set(near)
                 remedy = f"did you mean {near[0]}?" if near else f"known keys: {listed(known)}"
                 if path == ("constants",):  # where none may be left out

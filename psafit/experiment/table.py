@@ -250,26 +250,21 @@ class CellFault(Exception):
 
 @dataclass
 class RowFaults:
-    """Faults of the rows of a file: of each kind the first few, and how many there are."""
+    """Faults of the rows of a file: equal ones once, of each kind the first few, and how many there are."""
 
     file: Path
     most: int = 10
     n_rows: int = 0
     # Readings below zero by column: line, cell, values of the row.
     below: dict[str, list[tuple[int, str, dict[str, float]]]] = field(default_factory=dict)
-    _kinds: dict[tuple[str, str], tuple[list[InputError], list[int]]] = field(default_factory=dict)
-
-    @property
-    def count(self) -> int:
-        """Number of faults so far, ranges below zero left out."""
-        return sum(number for _, (number,) in self._kinds.values())
+    count: int = 0  # of faults, ranges below zero left out
+    # Of each column and remedy what was wrong, and in which lines.
+    _kinds: dict[tuple[str, str], dict[str, list[int]]] = field(default_factory=dict)
 
     def add(self, column: str, what: str, remedy: str, line: int) -> None:
         """Keep a fault; those of one column with one remedy are of a kind."""
-        found, count = self._kinds.setdefault((column, remedy), ([], [0]))
-        count[0] += 1
-        if len(found) < self.most:
-            found.append(InputError(f"{column} {what}".strip(), remedy, file=self.file, line=line))
+        self.count += 1
+        self._kinds.setdefault((column, remedy), {}).setdefault(f"{column} {what}".strip(), []).append(line)
 
     def unread(self, column: str, lines: Sequence[int], n_rows: int) -> None:
         """Keep rows without any reading; raise at once where there are no others, and nothing else is wrong."""
@@ -306,17 +301,22 @@ class RowFaults:
                 remedy = "correct its sign or its value, or see if this is another quantity's column"
             self.add(observable.column, what, remedy, line)
 
-    def _raise(self, faults: Faults, n_rows: int) -> None:
-        for found, (count,) in self._kinds.values():
-            if count == n_rows > 2:
-                first = found[0]
-                faults.add(
-                    InputError(f"{first.what}, as in all {n_rows} rows", first.remedy, file=self.file, line=first.line)
-                )
-                continue
-            for fault in found[:-1]:
+    def _raise(self, faults: Faults, n_rows: int, many: int = 3) -> None:
+        """Raise what was found; of `many` equal faults the first."""
+        for (_, remedy), kinds in self._kinds.items():
+            named = []
+            for what, lines in kinds.items():
+                if len(lines) >= many:
+                    named.append((f"{what}, as in {len(lines)} rows", lines[0]))
+                else:
+                    named += [(what, line) for line in lines]
+            if sum(map(len, kinds.values())) == n_rows >= many:
+                what, lines = next(iter(kinds.items()))
+                named = [(f"{what}, as in all {n_rows} rows", lines[0])]
+            *others, last = (InputError(what, remedy, file=self.file, line=line) for what, line in named[: self.most])
+            for fault in others:
                 faults.add(fault)
-            faults.add(found[-1], more=count - len(found))
+            faults.add(last, more=max(0, len(named) - self.most))
         faults.end()
 
 

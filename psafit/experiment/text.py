@@ -23,11 +23,26 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(all_names[:20]) + (", ..." if len(all_names) > 20 else "")
 
 
+# What others call psafit's keys, where no spelling shows it.
+_MEANT = {
+    "offset": "bias_v", "offset_v": "bias_v", "dc_offset": "bias_v", "dc_offset_v": "bias_v", "dc": "bias_v",
+    "burst": "cycles", "bursts": "cycles", "periods": "cycles", "n_cycles": "cycles", "shape": "waveform",
+    "signal": "waveform", "rest_v": "idle_v", "standby_v": "idle_v",
+}  # fmt: skip
+
+
+def near_names(wrong: str, known: Iterable[str], n: int = 2) -> list[str]:
+    """Those of known names that a name may stand for, at most `n`: what others call it, else how it is spelt."""
+    names = list(known)
+    folded = wrong.casefold()
+    same = [name for name in names if name == _MEANT.get(folded) or name.casefold() == folded]
+    return same or difflib.get_close_matches(wrong[:40], names, n=n)
+
+
 def did_you_mean(wrong: str, known: Iterable[str]) -> str:
     """Remedy for a name that is none of those known: the nearest of them, or all."""
     names = list(known)
-    near = [name for name in names if name.casefold() == wrong.casefold()]
-    near = near or difflib.get_close_matches(wrong[:40], names, n=2)
+    near = near_names(wrong, names)
     return f"did you mean {' or '.join(near)}?" if near else f"choose from {listed(names)}"
 
 

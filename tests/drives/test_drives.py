@@ -56,7 +56,9 @@ def test_crest(name: str) -> None:
 def test_what_there_is_not_leads_on() -> None:
     assert instead("unipolar-sin").startswith("did you mean unipolar_sine?")
     assert instead("Sinus").startswith("did you mean sine?")
-    for text in (instead("wobbly"), instead("sqare")):
+    assert instead("Cosine").startswith("that is a sine with phase_deg = 90; there are sine,")
+    assert instead("half-sine").startswith("that is none of psafit's: give one period as a table")
+    for text in (instead("wobbly"), instead("sqare"), instead("burst")):
         assert all(name in text for name in NAMES)
 
 

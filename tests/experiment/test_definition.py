@@ -146,7 +146,7 @@ BAD_TOML: dict[str, tuple[str | bytes, int | None, str]] = {
     "file a directory": (TOML.replace("b.csv", "."), 20, "is a directory"),
     "file with NUL": (TOML.replace("b.csv", "b\\u0000"), 20, "cannot be a file name"),
     "file name too long": (TOML.replace("b.csv", "b" * 5000), 20, "cannot be a file name"),
-    "another rig, unknown": (TOML + "constants = { L = 1 }\n", 21, "known keys: M, m, q"),
+    "another rig, unknown": (TOML + "constants = { L = 1 }\n", 21, "did you mean l?"),
     "another rig, no number": (TOML + 'constants = { l = "1" }\n', 21, "constant l is not a number"),
     "another rig, impossible": (TOML + "constants = { l = -1 }\n", 21, "constant l = -1"),
     "another rig, own table": (TOML + "[group.constants]\nl = 1e9\n", 22, "beyond the limits"),
@@ -297,3 +297,9 @@ def test_any_text_as_a_toml_value(tmp_path: Path, value: str) -> None:
     quoted = json.dumps(value).replace("\x7f", "\\u007f")
     for original in ('"a rig"', '"late-2"', '"square"', '"b.csv"'):
         check_outcome(write(tmp_path, TOML.replace(original, quoted)), "experiment.toml", "b.csv")
+
+
+@pytest.mark.parametrize(("key", "meant"), [("offset_v", "bias_v"), ("burst", "cycles"), ("Cycles", "cycles")])
+def test_keys_of_other_names_lead_to_ours(key: str, meant: str, tmp_path: Path) -> None:
+    error = refusal(write(tmp_path, TOML.replace('waveform = "sine"', f'waveform = "sine"\n{key} = 3')))
+    assert str(error).endswith(f"unknown key '{key}'; did you mean {meant}?")

@@ -57,8 +57,14 @@ def test_faults_of_each_file_are_named(tmp_path: Path) -> None:
 
 
 def test_ten_are_named_and_the_rest_counted(tmp_path: Path) -> None:
-    found = refusals(write(tmp_path, a=CSV + "1200,x,1\n" * 15))
+    found = refusals(write(tmp_path, a=CSV + "".join(f"1200,x{k},1\n" for k in range(15))))
     assert len(found) == 11 and found[9].startswith("a.csv:14: ") and found[10] == "and 5 more"
+
+
+def test_equal_faults_of_many_rows_are_one(tmp_path: Path) -> None:
+    error = refusal(write(tmp_path, a=CSV + "1200,x,1\n" * 15))
+    assert error.line == 5 and error.what == "amplitude_v 'x' is not a number, as in 15 rows"
+    assert len(refusals(write(tmp_path, a=CSV + "1200,x,1\n" * 2))) == 2
 
 
 @pytest.mark.parametrize(("row", "words"), [("1200,20 V,1\n", "without a unit"), ("1200,20,1,\n", "ends with a comma")])

@@ -191,3 +191,8 @@ def test_what_vibrometers_call_their_velocity(heading: str, tmp_path: Path) -> N
 def test_one_column_in_a_unit_of_motion_is_proposed(tmp_path: Path) -> None:
     content = "Time (s);Laser (um);Status\n" + "".join(f"{k}e-5;{k};0\n" for k in range(12))
     assert "; say --column 'Laser (um)=displacement_um' if it is" in refused(tmp_path, content, **HELD)
+
+
+def test_the_ends_of_a_drive_are_its_amplitude_and_bias(tmp_path: Path) -> None:
+    asked = refused(tmp_path, "f (Hz);High level (V);Low level (V);Range (um)\n100;20;0;3\n")
+    assert "give amplitude_v (Vp), half of their difference, and bias_v, their mean" in asked

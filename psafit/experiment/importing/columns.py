@@ -29,7 +29,7 @@ from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Head, names
 from psafit.experiment.importing.numerals import is_number, likeliest
 from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, voltages
-from psafit.experiment.importing.quantities import COLUMNS, QUANTITIES, VOLTS, Volts
+from psafit.experiment.importing.quantities import COLUMNS, LEVELS, QUANTITIES, VOLTS, Volts
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.importing.units import Unit, conversion, factor_of, related
 from psafit.experiment.records import CONDITION_COLUMNS
@@ -249,6 +249,10 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
             what, remedy = "", f"say {option(near or 'NAME', column, '' if near else EXAMPLES[column][0])}"
             if other:
                 what, remedy = other
+            ends = [next((c.name for c in chosen.unused if c.heading.name in called), "") for called in LEVELS]
+            if column == "amplitude_v" and all(ends):
+                what = f", and {' and '.join(ends)} are the ends of the drive"
+                remedy = "give amplitude_v (Vp), half of their difference, and bias_v, their mean"
             remedy = f"{remedy}, or --set {example(column)} if held"
             faults.add(fault(grid, head, f"no {column} among {known}{what}", remedy))
     of_readings = (_in_other_unit(chosen, head, q.column) for q in QUANTITIES if q.role == "reading")

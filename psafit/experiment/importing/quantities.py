@@ -117,6 +117,11 @@ VOLTS: dict[Volts, str] = {"peak": "zero to peak", "pp": "peak to peak", "rms": 
 WAVEFORM_NAMES = {"waveform", "wave form", "wave", "signalform", "kurvenform", "wellenform"}
 # What is one over a frequency.
 PERIODS = {"period", "period time", "periode", "periodendauer", "période"}
+# What generators call the ends of a drive.
+LEVELS = (
+    {"high level", "high", "level high", "v high", "vhigh", "upper level"},
+    {"low level", "low", "level low", "v low", "vlow", "lower level"},
+)
 # What a header calls the distance of samples, or their rate, by the unit of psafit's; and the unit of its clock.
 STEPS = dict.fromkeys(
     (
