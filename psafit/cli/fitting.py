@@ -67,6 +67,8 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
         for known in content["priors"]:
             origin = ", from [rig]" if known["derived"] else ""
             click.echo(f"  prior of {known['name']}{origin}: {known['prior']} ({known['source']})")
+        for name, facts in content["lacking"].items():
+            click.echo(f"  no prior of {name}, from [rig]: it needs {' and '.join(facts)}, too")
         warn(content["warnings"])
     return DONE
 

@@ -16,7 +16,7 @@ from psafit.errors import Faults, InputError
 from psafit.experiment.drive_table import SETTING_LIMITS, read_drive
 from psafit.experiment.plausible import doubt
 from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId
-from psafit.experiment.rig import ALIASES, MATERIALS, Followed, Rig, material_named
+from psafit.experiment.rig import ALIASES, MATERIALS, SEVERAL, Followed, Rig, material_named
 from psafit.experiment.rig import beliefs as rig_beliefs
 from psafit.experiment.table import LIMITS as COLUMN_LIMITS
 from psafit.experiment.text import did_you_mean, listed, near_names, one_line, read_text, shown, unreadable
@@ -344,6 +344,8 @@ class Definition:
         if known := material_named(value):
             return known
         near = did_you_mean(value.casefold(), [*MATERIALS, *ALIASES])
+        if value.casefold().startswith(("ceramic", "keramik")):
+            near = f"say which: {SEVERAL[name]}"
         raise self.error(f"{name} is {shown(value)}", f"{near}; or leave it out and state [prior.k_c]", "rig", name)
 
     def _fact(self, name: str, value: object) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from psafit.arrays import FloatArray
 from psafit.drives import Drive
 from psafit.errors import InputError
-from psafit.experiment.rig import Rig
+from psafit.experiment.rig import Rig, lacking
 from psafit.experiment.text import listed, one_line, shown
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, Observable
 from psafit.parameters import Belief
@@ -399,11 +399,13 @@ def describe(experiment: Experiment) -> dict[str, Any]:
     dict
         `title`, `source`, `folder`, `fingerprint`, `constants`, `n_points`, `warnings`, `priors` (those given: `name`,
         `prior` with the probability that its cause is at work where that is given, `source`, and whether it is
-        `derived` from the rig), and `groups`: one dict each with `id`, `waveform`, `file`, `n_points`, the spans
+        `derived` from the rig), `lacking` (of each prior that nearly follows from the rig the facts that are missing),
+        and `groups`: one dict each with `id`, `waveform`, `file`, `n_points`, the spans
         `frequency_hz`, `amplitude_v`, of a trace `time_us`, and those of what is read, `launch_range_um` or another
         column, as [least, greatest], `constants` (those changed), `zeros` (readings of exactly 0), `replicates`
         (readings beyond the first at the same condition) and `has_sigma`.
     """
+    known = {b.name for b in experiment.beliefs}
     return {
         "title": experiment.title,
         "source": experiment.source,
@@ -416,6 +418,7 @@ def describe(experiment: Experiment) -> dict[str, Any]:
             {"name": b.name, "prior": b.describe(), "source": b.source, "derived": b.derived}
             for b in experiment.beliefs
         ],
+        "lacking": {name: list(facts) for name, facts in lacking(experiment.rig, known).items()},
         "groups": [_describe_group(group) for group in experiment.groups],
     }
 

@@ -15,7 +15,8 @@ GPa, 0.27-0.30 and 7.83 g/cm^3 (data sheets, read). Sapphire and ruby are one cr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Container
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from psafit.parameters import Belief, LogNormal, Normal, Tailed
@@ -73,6 +74,18 @@ ALIASES = {
 }
 """Other names of the same materials."""
 
+SEVERAL = {
+    "ball_material": "silicon nitride, zirconia or alumina",
+    "face_material": "pzt, the bare stack, or alumina, an end plate, on which the contact is three times as stiff",
+}
+"""What a ceramic may be, of each fact."""
+NEEDED = {
+    "k_c": ("ball_material", "face_material"),
+    "amplifier_lag_tau": ("source_resistance", "capacity"),
+    "anchored_voltage": ("rated_stroke", "rated_voltage"),
+}
+"""The facts, beyond constants, from which priors follow together."""
+
 
 def material_named(text: str) -> str | None:
     """The name, among `MATERIALS`, of what somebody calls `Stainless_Steel` or `aluminum`; None if it is none."""
@@ -128,6 +141,25 @@ def hertz_stiffness(rig: Rig) -> float | None:
     return 4 / 3 * together * math.sqrt(rig.ball_radius * 1e-6)
 
 
+def with_radius(rig: Rig, constants: Constants) -> Rig:
+    """The rig with the radius of a solid ball of its mass and material, where no radius is given."""
+    if rig.ball_radius is not None or rig.ball_material is None:
+        return rig
+    volume = constants.M / MATERIALS[rig.ball_material].density
+    return replace(rig, ball_radius=(3 * volume / (4 * math.pi)) ** (1 / 3))
+
+
+def lacking(rig: Rig | None, known: Container[str]) -> dict[str, tuple[str, ...]]:
+    """The facts that are missing of each prior that nearly follows, and is not `known`."""
+    given = rig.given if rig else {}
+    missing = {
+        name: tuple(fact for fact in facts if fact not in given)
+        for name, facts in NEEDED.items()
+        if name not in known and not given.keys().isdisjoint(facts)
+    }
+    return {name: facts for name, facts in missing.items() if facts}
+
+
 def is_rated_stroke(rig: Rig, constants: Constants, factor: float = 1.33) -> bool:
     """Whether the constant `q` is the data sheet's stroke at full voltage over that voltage.
 
@@ -179,18 +211,20 @@ def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[F
     tuple of Followed
     """
     found = []
+    ball = with_radius(rig, constants)
 
     def follows(name: str, prior: Tailed, source: str, *keys: str, probability: float | None = None) -> None:
         facts = tuple((key, getattr(constants if hasattr(constants, key) else rig, key)) for key in keys)
         found.append(Followed(name, prior, source, probability=probability, facts=facts))
 
-    if (stiffness := hertz_stiffness(rig)) is not None:
+    if (stiffness := hertz_stiffness(ball)) is not None:
+        weighed = "" if rig.ball_radius else ", the radius of a solid one of mass M,"
         why = (
-            f"Hertz' contact of a {rig.ball_material} ball of {1e3 * (rig.ball_radius or 0):.3g} mm on"
+            f"Hertz' contact of a {rig.ball_material} ball of {1e3 * (ball.ball_radius or 0):.3g} mm{weighed} on"
             f" {rig.face_material}: {stiffness:.3g} N/m at 1 um; half of it, since rough or glued faces have a third,"
             " and a linear contact stands for depths of 0.1 to 1 um"
         )
-        follows("k_c", Tailed(LogNormal(0.5 * stiffness, 2.5)), why, "ball_radius")
+        follows("k_c", Tailed(LogNormal(0.5 * stiffness, 2.5)), why, "ball_radius" if rig.ball_radius else "M")
     if rig.source_resistance is not None and rig.capacity is not None:
         lag = rig.source_resistance * rig.capacity
         why = (

@@ -11,7 +11,7 @@ from folders import TOML, refusal, write
 
 from psafit.errors import InputError
 from psafit.experiment import describe, read_experiment, read_plan, write_experiment
-from psafit.experiment.rig import Rig, hertz_stiffness
+from psafit.experiment.rig import NEEDED, Rig, hertz_stiffness
 from psafit.inference.problem import Problem
 from psafit.parameters import LogNormal, Normal, Tailed
 from psafit.physics import TERMS, baseline, informed, terms
@@ -283,6 +283,54 @@ def test_what_a_drive_far_below_zero_could_be_is_asked(tmp_path: Path, keys: str
     toml = TOML.replace('waveform = "square"', 'waveform = "unipolar_square"').replace('waveform = "sine"', keys)
     warnings = read_experiment(write(tmp_path, f"{toml}[rig]\nrated_voltage = 60\n")).warnings
     assert [said in w for w in warnings] == [True] * bool(said)
+
+
+def test_a_radius_follows_from_mass_and_material(tmp_path: Path) -> None:
+    """By hand: 27 g of 7850 kg/m^3 are 3.439 cm^3, a ball of 9.363 mm, whose contact is as that of one stated."""
+    solids = 'ball_material = "steel"\nface_material = "pzt"\n'
+    found = read_experiment(write(tmp_path, f"{TOML}[rig]\n{solids}"))
+    (derived,) = (b for b in found.beliefs if b.name == "k_c")
+    stated = read_experiment(write(tmp_path, f"{TOML}[rig]\n{solids}ball_radius = 9.363e-3\n"))
+    (known,) = (b for b in stated.beliefs if b.name == "k_c")
+    medians = [float(b.prior.describe().split("median ")[1].split(",")[0]) for b in (derived, known)]
+    assert medians[0] == pytest.approx(medians[1], rel=1e-4)
+    assert "of 9.36 mm, the radius of a solid one of mass M, on pzt" in derived.source
+    assert "mass" not in known.source and found.rig and found.rig.ball_radius is None
+
+
+@pytest.mark.parametrize(
+    ("facts", "lacking"),
+    [
+        ('ball_material = "steel"', {"k_c": ["face_material"]}),
+        (
+            'face_material = "pzt"\ncapacity = 1e-6',
+            {"k_c": ["ball_material"], "amplifier_lag_tau": ["source_resistance"]},
+        ),
+        ("rated_stroke = 17.4e-6", {"anchored_voltage": ["rated_voltage"]}),
+        ("rated_voltage = 150\nlayer_thickness = 1e-4", {}),
+        ('ball_material = "steel"\n[prior.k_c]\nmedian = 3e6\nfactor = 2\nsource = "x"', {}),
+    ],
+)
+def test_what_a_prior_lacks_is_said(facts: str, lacking: dict[str, list[str]], tmp_path: Path) -> None:
+    assert describe(read_experiment(write(tmp_path, f"{TOML}[rig]\n{facts}\n")))["lacking"] == lacking
+
+
+@pytest.mark.parametrize("fact", NEEDED)
+def test_a_prior_lacks_no_more_than_is_needed(fact: str, tmp_path: Path) -> None:
+    values = dict(line.split(" = ") for line in FACTS.splitlines()[1:])
+    facts = "\n".join(f"{name} = {values[name]}" for name in NEEDED[fact])
+    assert fact in {b.name for b in read_experiment(write(tmp_path, f"{TOML}[rig]\n{facts}\n")).beliefs}
+
+
+@pytest.mark.parametrize(
+    ("fact", "said"), [("face_material", "pzt, the bare stack, or alumina"), ("ball_material", "zirc")]
+)
+def test_a_ceramic_may_be_several(fact: str, said: str, tmp_path: Path) -> None:
+    """By hand: E* of steel on PZT is 43.7 GPa, on alumina 142 GPa."""
+    error = refusal(write(tmp_path, f'{TOML}[rig]\n{fact} = "Ceramic"\n'))
+    assert "say which: " in error.remedy and said in error.remedy
+    pzt, alumina = (hertz_stiffness(Rig("steel", face, 9.4e-3)) or 0.0 for face in ("pzt", "alumina"))
+    assert alumina / pzt == pytest.approx(3.25, rel=0.01)
 
 
 @pytest.mark.parametrize("fact", DOUBTS)
