@@ -134,6 +134,20 @@ def test_a_row_of_units_hides_none_either(tmp_path: Path) -> None:
     assert "in V RMS" in refused(tmp_path, content, columns=(Mapping("2", "amplitude_v", Unit("V", "pp")),))
 
 
+@pytest.mark.parametrize(("name", "column"), [("DC offset (%)", "bias_v"), ("Sigma (dB)", "sigma_um")])
+def test_what_need_not_be_there_is_not_left_out_for_its_unit(name: str, column: str, tmp_path: Path) -> None:
+    content = f"f (Hz);Vp;Range (um);{name}\n100;20;30;5\n"
+    asked = refused(tmp_path, content)
+    assert f"no unit of {column}; " in asked and asked.endswith(f"or say --column '{name}=ignore'")
+    (table,) = tables(tmp_path, content, columns=(Mapping(name, "ignore"),))
+    assert table.groups[0].n_points == 1
+
+
+def test_traces_next_to_each_other_are_no_repetitions(tmp_path: Path) -> None:
+    rows = "".join(f"{k};{k};{2 * k};{k}\n" for k in range(12))
+    assert "another table next to the first" in refused(tmp_path, f"Time (us);x (um);Time (us);x (um)\n{rows}", **HELD)
+
+
 def test_remarks_in_brackets_are_no_units(tmp_path: Path) -> None:
     content = "f (set);Amplitude (drive);Range (run 2);Humidity (%)\n100;40;30;50\n"
     units = (Unit("Hz"), Unit("V", "pp"), Unit("um"))

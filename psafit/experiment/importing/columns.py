@@ -79,6 +79,7 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     faults.end()
     for column in dict.fromkeys(c.column for c in chosen.columns):
         _check_several(grid, head, chosen.of(column), faults)
+    _check_unread(grid, head, chosen, faults)
     (check_trace if traced else _check_missing)(grid, head, chosen, options, faults)
     faults.end()
     counted = [_with_unit(grid, head, c, options, faults) for c in chosen.columns]
@@ -201,11 +202,11 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Fa
 
 
 def _check_one_table(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
-    """Headings of a condition and of something else that come again are those of another table, next to the first."""
+    """Headings of a condition or a time that come again with others are those of another table, next to the first."""
     first = {c.heading.text: c.place for c in reversed(chosen.columns) if c.heading.text}
     again = [c for c in (*chosen.columns, *chosen.unused) if c.place > first.get(c.heading.text, c.place)]
     twice = {c.column for c in chosen.columns if c.heading.text in {a.heading.text for a in again}}
-    if len(twice) < 2 or twice.isdisjoint(CONDITION_COLUMNS) or all(a.column == IGNORED for a in again):
+    if len(twice) < 2 or twice.isdisjoint((*CONDITION_COLUMNS, TIME)) or all(a.column == IGNORED for a in again):
         return
     at = min(again, key=lambda c: c.place)
     what = f"headings come again from column {at.place + 1} on, {at.name}: another table next to the first"
@@ -274,6 +275,16 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
         faults.add(fault(grid, head, what, remedy))
 
 
+def _check_unread(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
+    """What need not be there, a bias or a known error, is not left out for a unit that psafit does not read."""
+    optional = [q for q in QUANTITIES if q.role == "drive" or (q.role == "error" and not chosen.traced)]
+    for column in (c for c in chosen.unused if not c.mapped):
+        said, of = head.unit(column.place), next((q for q in optional if column.heading.would_be(q)), None)
+        if of and said and not said.kind:
+            remedy = f"{_how(column, said, of.column)}, or say {option(column.option, IGNORED)}"
+            faults.add(fault(grid, head, f"column {column.name} {_unread(said, of.column)}", remedy))
+
+
 def _in_other_unit(chosen: Chosen, head: Head, name: str) -> tuple[str, str] | None:
     """What is said of a column that would be this one of psafit's but for its unit, and the remedy."""
     for column in (c for c in chosen.unused if not c.mapped and c.column != TIME):
@@ -329,7 +340,7 @@ def _unread(unit: Unit, column: str) -> str:
 
 
 def _how(column: Column, unit: Unit, known: str = "") -> str:
-    """The remedy of a unit of another kind; `known` is the psafit's column, where it is not the column's."""
+    """The remedy of a unit of another kind; `known` is psafit's column, where that is not the column's yet."""
     name = known or column.column
     target = COLUMNS[name].unit
     if unit.kind == "V" and role(name) in SIGNALS:

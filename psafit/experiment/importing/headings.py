@@ -79,11 +79,9 @@ class Heading:
     @property
     def without_conditions(self) -> Heading:
         """The heading of what was read at the conditions that it names."""
-        return (
-            replace(heading(self.bare), text=self.text, at=self.at, bare=self.bare, repeats=self.repeats)
-            if self.at
-            else self
-        )
+        if not self.at:
+            return self
+        return replace(heading(self.bare), text=self.text, at=self.at, bare=self.bare, repeats=self.repeats)
 
     @property
     def is_waveform(self) -> bool:

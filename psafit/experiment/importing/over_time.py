@@ -150,21 +150,19 @@ def clock(grid: Grid, head: Head, columns: Iterable[Column], options: Options) -
 
 def check_launches(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
     """Readings of which one condition was held, next to a clock, may be a recording of one launch."""
-    if any(not c.mapped and role(c.column) == "reading" for c in chosen.columns) and not any(
-        chosen.of(name) for name in CONDITION_COLUMNS
-    ):
-        found = clock(grid, head, (c for c in chosen.unused if not c.mapped), options)
-        if found is None:
-            return
-        time, remedy = found
-        read = next(c for c in chosen.columns if role(c.column) == "reading")
-        motion = next((q for q in COLUMNS.values() if (q.role, q.unit) == ("trace", COLUMNS[read.column].unit)), None)
-        what = f"column {time.name} rises from row to row at one condition: {read.name} may be recorded over time"
-        if motion:
-            remedy = f"{remedy} with {option(read.option, motion.column)}"
-        else:
-            remedy = f"psafit reads no such recording: give {read.column} of each launch"
-        faults.add(fault(grid, head, what, f"{remedy}, or {option(time.option, IGNORED)} if each row is a launch"))
+    read = next((c for c in chosen.columns if role(c.column) == "reading" and not c.mapped), None)
+    if read is None or any(chosen.of(name) for name in CONDITION_COLUMNS):
+        return
+    if (found := clock(grid, head, (c for c in chosen.unused if not c.mapped), options)) is None:
+        return
+    time, remedy = found
+    motion = next((q for q in COLUMNS.values() if (q.role, q.unit) == ("trace", COLUMNS[read.column].unit)), None)
+    what = f"column {time.name} rises from row to row at one condition: {read.name} may be recorded over time"
+    if motion:
+        remedy = f"{remedy} with {option(read.option, motion.column)}"
+    else:
+        remedy = f"psafit reads no such recording: give {read.column} of each launch"
+    faults.add(fault(grid, head, what, f"{remedy}, or {option(time.option, IGNORED)} if each row is a launch"))
 
 
 def voltages(grid: Grid, head: Head, found: Sequence[Column], options: Options, faults: Faults) -> list[Column]:
