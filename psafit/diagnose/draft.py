@@ -62,10 +62,10 @@ def drafted(judgement: Judgement, folder: Path) -> Draft | None:
     """Draft a cause where a verdict is unexplained: added to the causes, or in their place where that is simpler."""
     if judgement.verdict.verdict != "unexplained":
         return None
-    added = judgement.verdict.unexplained_by == "structure" or not judgement.verdict.named
-    if added:
+    if judgement.verdict.unexplained_by == "structure" or not judgement.verdict.named:
         return draft(judgement.model_set.best_model, judgement.left, folder)
-    return draft(judgement.model_set.baseline, judgement.bare, folder)
+    found = draft(judgement.model_set.baseline, judgement.bare, folder)
+    return found and replace(found, added=False)
 
 
 def draft(candidate: Candidate, left: Discrepancy, folder: Path, settings: DraftSettings | None = None) -> Draft | None:

@@ -96,6 +96,8 @@ def test_only_what_is_unexplained_is_drafted(sound, tmp_path) -> None:
     (said,) = [s.say(PLAIN) for s in answer(record) if isinstance(s, Drafted)]
     along = replace(found, axis="amplitude", place=8.0)
     assert "at an amplitude of 8 V describes" in Drafted(along).say(PLAIN)
+    assert not found.added and "of what the baseline leaves." in said, "a smooth curve in the place of the causes"
+    assert "of what is left." in Drafted(replace(found, added=True)).say(PLAIN)
     assert (
         said.startswith("A factor of 1.47 at a frequency of 1440 Hz") and "draft_cause_2.py has it as a cause" in said
     )

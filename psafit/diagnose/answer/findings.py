@@ -91,7 +91,7 @@ class Judged(Statement):
         least = self.p_value <= 1 / (self.simulated + 1)
         few = "none" if least else words.fraction(self.p_value) if self.p_value < 0.1 else words.per_cent(self.p_value)
         how = words.put(
-            "of {} data sets simulated from the fitted baseline, {} look as odd (below {} it is rejected)",
+            "of {} data sets simulated from the fitted baseline, {} look as odd; below {} it is rejected",
             self.simulated, few, words.per_cent(ALPHA),
         )  # fmt: skip
         rest = words.per_cent(self.share)

@@ -69,10 +69,11 @@ class Drafted(Statement):
         d = self.found
         unit = {"frequency": "Hz", "amplitude": "V", "range": "um"}[d.axis]
         return words.put(
-            "A factor of {} at {} of {} describes {} of what is left. {} has it as a cause: a description and no"
+            "A factor of {} at {} of {} describes {} of what {}. {} has it as a cause: a description and no"
             " mechanism, to be scored with --plugin.",
             f"{d.factor:.2f}", _AXES[d.axis],
-            words.number(f"{float(f'{d.place:.3g}'):g} {unit}"), words.per_cent(d.share), d.file,
+            words.number(f"{float(f'{d.place:.3g}'):g} {unit}"), words.per_cent(d.share),
+            "is left" if d.added else "the baseline leaves", d.file,
         )  # fmt: skip
 
 

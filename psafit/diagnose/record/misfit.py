@@ -169,6 +169,8 @@ class Draft:
         Of the departure, in the logarithm.
     share : float
         Of the discrepancy's squares at all readings that it takes up, a factor common to each observable aside.
+    added : bool
+        Whether it is for what the named causes leave; else it stands in their place.
     """
 
     file: str
@@ -177,3 +179,4 @@ class Draft:
     factor: float
     width: float
     share: float
+    added: bool = True
