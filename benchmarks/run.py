@@ -1,6 +1,7 @@
 """`make bench`: speed as ratios, measured side by side in one run on one core, and the limits the project keeps.
 
-Prints a table and writes `benchmarks/latest.json`; with `--only NAME` some of its rows, and that file is left as it is.
+Prints a table and writes `benchmarks/latest.json`; with `--only NAME` some of its rows, and not that file. The rows
+`recorded` and `diagram` put their tables into docs/numerics.md.
 Peers are timed on a sample of the same trajectories, in turns with psafit, since machines are noisy. Speed counts at
 equal accuracy only: every method runs at the loosest tolerance that reaches the accuracy asked for.
 """

@@ -29,7 +29,7 @@ from scipy.special import logsumexp, ndtri
 from scipy.stats import binomtest
 
 from psafit.arrays import FloatArray
-from psafit.experiment import Conditions, Group, GroupId, Plan
+from psafit.experiment import Group, GroupId, Plan, is_one_of
 from psafit.files import write_atomically
 from psafit.inference import noise
 from psafit.inference.candidate import candidate_at
@@ -273,8 +273,9 @@ def intervals(run: Run, plan: Plan, *, n_draws: int = 1000) -> FloatArray:
     """
     problem, rng = run.problem, np.random.default_rng([run.fit.seed, 5])
     draws, ends = some_draws(run, n_draws), []
+    fitted = [problem.experiment.group(id) for id in problem.group_ids]
     for group in plan.groups:
-        session = group.id if _was_fitted(group, problem) else "a session to come"
+        session = group.id if is_one_of(group, fitted) else "a session to come"
         design = Design.of(plan.constants, [group])
         exact = readings_of(design, problem.theta(draws, [session], rng), problem.terms)
         drawn = np.empty_like(exact)
@@ -283,16 +284,10 @@ def intervals(run: Run, plan: Plan, *, n_draws: int = 1000) -> FloatArray:
             scatter = noise.along(problem.scatter_to_come(draws, k), design.elapsed[at])
             usual = problem.sigma_to_come(k)
             known = None if usual is None else np.full(at.size, usual)
-            read = noise.draw(exact[:, at], scatter, known if group.sigma is None else group.sigma[at], rng)
-            drawn[:, at] = read if OBSERVABLES[k].traced else np.maximum(read, 0.0)
-        ends.append(np.quantile(drawn, [0.05, 0.95], axis=0))
+            sigma = known if group.sigma is None else group.sigma[at]
+            drawn[:, at] = noise.draw(exact[:, at], scatter, sigma, rng)
+        ends.append(np.quantile(np.maximum(drawn, group.floor), [0.05, 0.95], axis=0))
     return np.concatenate(ends, axis=1)
-
-
-def _was_fitted(group: Conditions, problem: Problem) -> bool:
-    if group.id not in problem.group_ids or not isinstance(group, Group):
-        return False
-    return group.reading.tobytes() == problem.experiment.group(group.id).reading.tobytes()
 
 
 def _predicted(

@@ -38,9 +38,7 @@ PICTURES = (".png", ".svg", ".pdf")
 @EXPERIMENT
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter in SI units; repeat.")
 @click.option("--terms", "ids", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
-@click.option(
-    "--run", type=Place("input"), help="Take model and medians of this fit or diagnosis; a fit has intervals."
-)
+@click.option("--run", type=Place("input"), help="Take model and medians of this fit or diagnosis.")
 @click.option(
     "--out", type=Place("file"), help="CSV file; by default standard output, unless something else is asked for."
 )
@@ -294,10 +292,9 @@ def of_sessions(
 
     A session to come is another one, whatever its id is.
     """
-    from psafit.experiment import Group, session_name
+    from psafit.experiment import is_one_of, session_name
 
-    known = {(g.id, g.reading.tobytes()) for g in measured}
-    new = [g for g in plan.groups if not (isinstance(g, Group) and (g.id, g.reading.tobytes()) in known)]
+    new = [g for g in plan.groups if not is_one_of(g, measured)]
     theirs = {session_name(t.latent.name, g.id) for t in terms if t.latent for g in new} & medians.keys()
     if theirs and not quiet:
         click.echo(

@@ -528,14 +528,14 @@ def _tied(model_set: ModelSet, verdict: Verdict, seed: int, most: int) -> list[t
     """What is adopted and what does as well, with draws of their posteriors.
 
     Of an adequate baseline that is the cause that it excludes least, if one keeps a twentieth. Where nothing does as
-    well it is what may be at work by too little to count.
+    well, and the model is not wrong, it is what may be at work by too little to count.
     """
     if verdict.verdict == "adequate":
         causes = [c.ids for c in model_set.candidates if c.ids and model_set.probability[c.ids] >= 1 - CREDIBLE]
         equals = [(), *causes[:1]]
     else:
         equals = [model_set.best_model.ids, *verdict.alternatives]
-    if len(equals) == 1:
+    if len(equals) == 1 and verdict.verdict != "unexplained":
         equals += model_set.counted_with(equals[0])[:1]
     return [(model_set.of(ids), model_set.draws(ids, seed)) for ids in equals[:most]]
 

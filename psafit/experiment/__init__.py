@@ -34,6 +34,7 @@ from psafit.experiment.records import (
     changes_text,
     describe,
     fingerprint,
+    is_one_of,
     read_as,
     session_name,
 )
@@ -58,6 +59,7 @@ __all__ = [
     "changes_text",
     "describe",
     "fingerprint",
+    "is_one_of",
     "read_as",
     "read_experiment",
     "read_plan",

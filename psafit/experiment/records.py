@@ -132,6 +132,11 @@ class Conditions:
         return replace(self, **{name: array[rows] for name, array in held.items()})
 
     @property
+    def floor(self) -> float:
+        """Smallest reading possible: zero, of launches; none, along a trace."""
+        return 0.0 if self.time_us is None else -math.inf
+
+    @property
     def observables(self) -> tuple[Observable, ...]:
         """What is read, or is to be."""
         return tuple(OBSERVABLES[k] for k in np.unique(self.measured))
@@ -248,11 +253,6 @@ class Group(Conditions):
     reading: FloatArray
 
     @property
-    def floor(self) -> float:
-        """What no instrument shows less of: zero, of launches; nothing, along a trace."""
-        return 0.0 if self.time_us is None else -math.inf
-
-    @property
     def launch_range_um(self) -> FloatArray:
         """The launch ranges among the readings, um."""
         return self.reading[self.measured == OBSERVABLES.index(LAUNCH_RANGE)]
@@ -270,6 +270,12 @@ def read_as(groups: Sequence[Conditions], reading: FloatArray) -> tuple[Group, .
         Group(**{name: getattr(g, name) for name in kept}, reading=values)
         for g, values in zip(groups, by_group(groups, reading), strict=True)
     )
+
+
+def is_one_of(group: Conditions, measured: Iterable[Group]) -> bool:
+    """Whether a group is one of those measured, by its id and its very readings."""
+    known = {(g.id, g.reading.tobytes()) for g in measured}
+    return isinstance(group, Group) and (group.id, group.reading.tobytes()) in known
 
 
 def session_name(name: str, id: GroupId) -> str:

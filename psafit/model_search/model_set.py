@@ -162,17 +162,19 @@ class ModelSet:
         return math.exp(next(weight) - next(weight))
 
     def counted_with(self, named: Ids) -> tuple[Ids, ...]:
-        """Sampled sets that hold the named one and more, and for which the readings speak, too little to show.
+        """Sampled sets that hold the named one and more, and that the readings favour over it, by less than is visible.
 
-        Those that keep 5 % when they are compared with the named one alone; most probable first.
+        By more than the standard error; those that keep 5 % next to the named one alone, most probable first.
         """
-        least, own = (1 - CREDIBLE) / CREDIBLE, self.log_evidence[named]
-        found = {
+        own, least = self.log_evidence[named], (1 - CREDIBLE) / CREDIBLE
+        odds = {
             ids: self.odds(ids, named)
-            for ids in self.samples
-            if set(ids) > set(named) and not self.probability[ids] and self.log_evidence[ids] > own
+            for ids, draws in self.samples.items()
+            if set(ids) > set(named)
+            and not self.probability[ids]
+            and draws.standard_error < self.log_evidence[ids] - own < SearchSettings.visible
         }
-        return tuple(sorted((ids for ids in found if found[ids] >= least), key=lambda ids: -found[ids]))
+        return tuple(sorted((ids for ids in odds if odds[ids] >= least), key=lambda ids: -odds[ids]))
 
     def quantiles(self, ids: Ids, q: Sequence[float]) -> FloatArray:
         """Quantiles of a model's parameters, (len(q), n_dim), in their units; its mode where it was not sampled."""

@@ -268,36 +268,24 @@ def _circle_around_clusters(roots: ComplexArray, how: PoleSettings) -> tuple[Com
 
 def modes(rig: Setup, settings: PoleSettings | None = None) -> Modes:
     """Poles and weights for each parameter set; all of the sets have a lag, or none."""
-    how = settings or PoleSettings()
-    roots = poles(contact_polynomial(rig))
-    lead = rig.k_s * rig.q / rig.m
-    if rig.lag[0] > 0.0:
-        roots = np.concatenate([roots, -1.0 / rig.lag[:, None]], axis=1)
-        lead = lead / rig.lag
-    pole, weight = _residues(roots, how)
-    return Modes(pole, lead[:, None] * pole**2 * weight, lead, roots)
+    return _modes(rig, poles(contact_polynomial(rig)), 1.0, 2, settings or PoleSettings())
 
 
-def tip_modes(rig: Setup, settings: PoleSettings | None = None) -> Modes:
+def tip_modes(rig: Setup) -> Modes:
     """Poles and weights of how far the tip is behind the ball's rest, while it touches no ball.
 
     As `modes`, of ``-k_s q/(m s^2 + c_s s + k_s)``.
     """
-    half, square = 0.5 * rig.c_s / rig.m, rig.k_s / rig.m
-    turn = np.sqrt((half * half - square).astype(complex))
-    pair = half < np.sqrt(square)
-    large = -half - np.where(pair, -turn, turn)
-    roots = np.stack([large, np.where(pair, large.conjugate(), square / large)], axis=1)
-    lead = -rig.k_s * rig.q / rig.m
+    roots = np.array([_quadratic(*pq) for pq in zip(rig.c_s / rig.m, rig.k_s / rig.m, strict=True)])
+    return _modes(rig, roots, -1.0, 0, PoleSettings())
+
+
+def _modes(rig: Setup, roots: ComplexArray, sign: float, zeros: int, how: PoleSettings) -> Modes:
+    """Poles and weights of ``sign k_s q/m s^zeros/prod(s - roots)``, behind the lag where there is one."""
+    lead = sign * rig.k_s * rig.q / rig.m
     if rig.lag[0] > 0.0:
         roots = np.concatenate([roots, -1.0 / rig.lag[:, None]], axis=1)
         lead = lead / rig.lag
-    pole, weight = _residues(roots, settings or PoleSettings())
-    return Modes(pole, lead[:, None] * weight, lead, roots)
-
-
-def _residues(roots: ComplexArray, how: PoleSettings) -> tuple[ComplexArray, ComplexArray]:
-    """Poles and weights of ``1/prod(s - roots)``, of each row; complex pairs once, with twice the weight."""
     n = roots.shape[1]
     difference = roots[:, :, None] - roots[:, None, :]
     difference[:, range(n), range(n)] = 1.0
@@ -315,7 +303,7 @@ def _residues(roots: ComplexArray, how: PoleSettings) -> tuple[ComplexArray, Com
         for i, (place, value) in zip(crowded, replaced, strict=True):
             pole[i], weight[i] = 0.0, 0.0
             pole[i, : len(place)], weight[i, : len(place)] = place, value
-    return pole, weight
+    return Modes(pole, lead[:, None] * pole**zeros * weight, lead, roots)
 
 
 @compiled(borrows=True)
@@ -719,7 +707,7 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     if start == math.inf:
         return start, 0.0, 0.0, 0.0
     now = start
-    end, level, slope, phasor = _commanded(rows, point, row, k, phase, now)
+    _, level, slope, phasor = _commanded(rows, point, row, k, phase, now)
     order, lowest = _leading(level - point[IDLE], slope, phasor, point[OMEGA], point[REACH])
     behind = lowest < 0.0 and not pressed
     if behind and len(tip[0]) == 0:
@@ -732,15 +720,14 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     a, b, C = point[IDLE], 0.0, 0j
     once = twice = top = rounded = 0.0
     before = -1.0
-    rising, begins, ramps, moved = True, True, False, False
+    rising, begins, ramps = True, True, False
     watched = 0
     while watched < len(moments) and moments[watched] <= now:
         seen[watched] = 0.0
         watched += 1
     while True:
-        if moved:
-            end, level, slope, phasor = _commanded(rows, point, row, k, phase, now)
-        moved, span = True, end - now
+        end, level, slope, phasor = _commanded(rows, point, row, k, phase, now)
+        span = end - now
         da, db, dC = level - a, slope - b, phasor - C
         if db != 0.0 and not ramps:
             ramps = True

@@ -284,6 +284,6 @@ def test_what_may_be_at_work_as_well_is_said_with_what_it_would_change() -> None
     assert said.startswith(
         "Perhaps at work, but too weak to count by itself: amplifier_lag, with amplifier_lag_tau = 3.2e"
     )
-    assert "The odds are 1.3 against the baseline. With it, k_c = 2 (1 to 3) N/m, not" in said
+    assert "1.3 times as probable as the baseline alone. With it, k_c = 2 (1 to 3) N/m, not" in said
     assert "With it" not in replace(weak, counted=replace(counted, moved={})).say(PLAIN)
     assert not of(replace(adequate, verdict="unexplained", named=["gap"]), TooWeak), "a wrong model says nothing of it"

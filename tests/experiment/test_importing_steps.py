@@ -73,9 +73,11 @@ ASKED: dict[str, tuple[str, dict[str, Any], str]] = {
     "no step": (column("Displacement (um)"), {}, "say their step, --step 1:us, or their rate, --step 1:MHz"),
     "no unit": (
         column("Sample Interval,1.0E-06", "Displacement (um)"), {},
-        "does not follow from 'Sample Interval 1.0E-06' (line 1); say it with its unit, such as --step 1.0E-06:s",
+        "does not follow from 'Sample Interval 1.0E-06' (line 1); say their step, --step 1:us",
     ),
-    "a unit of another kind": (column("Sample rate: 5 us", "Displacement (um)"), {}, "such as --step 5:Hz"),
+    "a unit of another kind": (
+        column("Sample rate: 5 us", "Displacement (um)"), {}, "does not follow from 'Sample rate: 5 us' (line 1)",
+    ),
     "two values": (column("# dt = 1,250 us", "Displacement (um)"), {}, "no time_us among"),
     "two steps": (
         column("# dt = 1 us", "# sample interval = 2 us", "Displacement (um)"), {},

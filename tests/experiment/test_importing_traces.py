@@ -122,7 +122,7 @@ ASKED: dict[str, tuple[str, dict[str, Any], str]] = {
     "no unit": (rows(first="Time,Velocity (mm/s)\n"), {}, "--column Time=time_us:us"),
     "no time": (
         rows(first="a,b (um)\n"), column("b (um)", "displacement_um", "um"),
-        "or their rate, --step 1:MHz; of a time that is there --column a=time_us:us",
+        "or their rate, --step 1:MHz; of a time that is there --column NAME=time_us:us",
     ),
     "the drive": (
         rows(first="Time (us),Displacement (um),U (V)\n").replace("\n", ",1\n").replace("(V),1", "(V)"), {},

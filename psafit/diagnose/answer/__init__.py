@@ -209,8 +209,10 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
 
 def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> Iterator[Statement]:
     """The causes that the experiment holds for `likely`, or more, and of which the readings say nothing."""
-    found = []
+    found, weak = [], {id for counted in d.counted for id in counted.terms}
     for s in d.screening:
+        if s.id in weak:
+            continue
         said = leading_belief(b for b in beliefs if owner(b.name) == s.id)
         if said is None or said.probability is None or s.verdict not in (UNSEEN, NO_ACTION, NOT_EXCLUDED):
             continue

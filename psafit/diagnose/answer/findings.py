@@ -383,10 +383,10 @@ class TooWeak(Statement):
         c = self.counted
         more = [id for id in c.terms if id not in self.adopted]
         text = words.put(
-            "Perhaps at work, but too weak to count by itself: {}, with {}. The odds are {} against {}.",
+            "Perhaps at work, but too weak to count by itself: {}, with {}. {} times as probable as {} alone.",
             words.listed(map(words.cause, more)),
             words.listed(_size(words, name, p) for name, p in c.parameters.items()),
-            words.number(f"{c.odds:.2g}"), words.causes(self.adopted),
+            words.number(significant(c.odds, 2)), words.causes(self.adopted),
         )  # fmt: skip
         if not c.moved:
             return text

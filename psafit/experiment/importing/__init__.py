@@ -25,10 +25,11 @@ from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, Row, grids
 from psafit.experiment.importing.layout import Head, body, find_head, names
+from psafit.experiment.importing.numerals import is_number
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
 from psafit.experiment.importing.recorded import recorded
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
-from psafit.experiment.importing.steps import STEP, counted
+from psafit.experiment.importing.steps import STEP, with_counts
 from psafit.experiment.importing.traces import from_start, trace_of
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
 from psafit.experiment.records import CONDITION_COLUMNS, Group
@@ -174,7 +175,7 @@ def _recordings(file: Path, options: Options) -> list[tuple[Grid, Head, Chosen]]
     units = [COLUMNS[name].unit for name in RECORDED]
     for grid, head in _heads(file, replace(options, sheets=()), "voltage_v:V", units):
         try:
-            timed, headed, own = counted(grid, head, options, recording=True)
+            timed, headed, own = with_counts(grid, head, options, recording=True)
             found.append((timed, headed, choose_recording(timed, headed, own)))
         except InputError as fault:
             faults.append((head.known, fault))
@@ -189,7 +190,8 @@ def _recordings(file: Path, options: Options) -> list[tuple[Grid, Head, Chosen]]
 
 def _is_filled(grid: Grid, head: Head) -> bool:
     """Whether blanks part rows as they part the headings; others part some row into no more cells than headings."""
-    widths, n = (len(row.cells) for row in grid.rows[head.first :]), len(head.headings)
+    rows, n = (row.cells for row in grid.rows[head.first :]), len(head.headings)
+    widths = (len(cells) for cells in rows if any(map(is_number, cells)))  # no comments, no footers
     return any(width == n if grid.separator in BLANKS else 0 < width <= n for width in widths)
 
 
@@ -263,7 +265,7 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
 
 def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_id: int, examples: int) -> Table:
     """A table, read to its last cell."""
-    grid, head, options = counted(grid, head, options)
+    grid, head, options = with_counts(grid, head, options)
     chosen = choose(grid, head, options)
     shape = _shape(grid, head, chosen, waveform, options)
     rows = body(grid, head, [c.place for c in chosen.columns], options.most_rows)
