@@ -22,6 +22,8 @@ from psafit.cli.common import (
     Command,
     Place,
     escaped,
+    idle,
+    say_idle,
     shown_path,
     unwritten,
     write_result,
@@ -127,8 +129,10 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
     write_result(json_file, found)
     if not quiet:
         click.echo(f"{found.readings} readings, {len(found.causes)} causes at plausible strengths")
-        if found.unseen:
-            click.echo(f"would not be seen: {', '.join(found.unseen)}")
+        without = idle(terms, read.groups)
+        if unseen := [id for id in found.unseen if id not in without]:
+            click.echo(f"would not be seen: {', '.join(unseen)}")
+        say_idle(without)
         for id, others in found.taken_for.items():
             click.echo(f"{id} may be taken for {', '.join(others)}")
         for block in found.blocks:

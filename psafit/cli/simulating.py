@@ -18,6 +18,8 @@ from psafit.cli.common import (
     Command,
     Place,
     causes,
+    idle,
+    say_idle,
     shown_path,
     write_result,
 )
@@ -88,13 +90,13 @@ def simulate(
     chosen = causes(ids) if ids else ()
     given = asked = _assignments(values)
     tied: list[_Model] = []
-    ends = None
     if run is not None:
         (first, *rivals), known = _models_of(run)
         tied = [] if ids or asked else rivals
         chosen = chosen or first[0]
         given = of_sessions(plan, *first, known, quiet, seed is not None) | asked
-        ends = None if ids or asked else _intervals(run, plan)
+    ends = None if run is None or ids or asked else _intervals(run, plan)
+    say_idle([] if quiet else idle(chosen, groups), err=True)
     measured = [OBSERVABLES[k] for k in np.unique(np.concatenate([g.measured for g in groups]))]
     scatter = () if seed is None else tuple(p for o in measured for p in o.scatter)
     theta = completed(plan, chosen, given, asked, scatter, seed)

@@ -14,6 +14,7 @@ from commands import run
 from diagnoses_by_hand import make_record
 
 from psafit.cli import simulating
+from psafit.cli.common import idle
 from psafit.diagnose.record import ParameterResult
 from psafit.errors import InputError
 from psafit.experiment import (
@@ -294,3 +295,13 @@ def test_intervals_of_what_was_not_read_have_the_usual_scatter(fitted: Path, kno
     assert lower.shape == (2 * n,) and (upper > lower).all() and (lower >= 0).all()
     usual, *_ = (p.prior_median for p in LAUNCH_SPEED.scatter)
     assert (np.log(upper[:n] / lower[:n]) > 2 * 1.6 * usual).all(), "the usual scatter is in it"
+
+
+def test_causes_that_do_not_act_are_said(known: Experiment) -> None:
+    """A phase shifts no square wave, and what changes ranges alone no speed."""
+    sine, square, _ = known.groups
+    chosen = terms(["start_phase", "separation_height", "gap"])
+    speed = replace(sine, measured=np.full(sine.n_points, OBSERVABLES.index(LAUNCH_SPEED)))
+    assert idle(chosen, [sine, square]) == [] and idle(chosen, [square]) == ["start_phase"]
+    assert idle(chosen, [speed]) == ["separation_height"]
+    assert idle(chosen, [speed, square]) == []
