@@ -287,3 +287,12 @@ def test_what_may_be_at_work_as_well_is_said_with_what_it_would_change() -> None
     assert "1.3 times as probable as the baseline alone. With it, k_c = 2 (1 to 3) N/m, not" in said
     assert "With it" not in replace(weak, counted=replace(counted, moved={})).say(PLAIN)
     assert not of(replace(adequate, verdict="unexplained", named=["gap"]), TooWeak), "a wrong model says nothing of it"
+
+
+@pytest.mark.parametrize(
+    ("p_value", "simulated", "narrow"), [(0.025, 199, True), (0.025, 9999, False), (0.01, 199, False)]
+)
+def test_a_baseline_that_chance_may_have_passed_is_called_narrow(p_value: float, simulated: int, narrow: bool) -> None:
+    (judged,) = of(record(), Judged)
+    said = replace(judged, adequate="yes", p_value=p_value, simulated=simulated).say(PLAIN)
+    assert ("so it passes narrowly" in said) is narrow

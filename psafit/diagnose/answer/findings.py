@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -79,6 +80,11 @@ class Judged(Statement):
     share: float
     unnamed: bool
 
+    @property
+    def narrow(self) -> bool:
+        """Whether it is not rejected, and two standard errors of a share at the level might have changed that."""
+        return 0 <= self.p_value - ALPHA < 2.0 * math.sqrt(ALPHA * (1.0 - ALPHA) / self.simulated)
+
     def say(self, words: Words) -> str:
         heads = {
             "no": "The tests find the baseline wrong: {}.",
@@ -91,8 +97,8 @@ class Judged(Statement):
         least = self.p_value <= 1 / (self.simulated + 1)
         few = "none" if least else words.fraction(self.p_value) if self.p_value < 0.1 else words.per_cent(self.p_value)
         how = words.put(
-            "of {} data sets simulated from the fitted baseline, {} look as odd; below {} it is rejected",
-            self.simulated, few, words.per_cent(ALPHA),
+            "of {} data sets simulated from the fitted baseline, {} look as odd; below {} it is rejected{}",
+            self.simulated, few, words.per_cent(ALPHA), ", so it passes narrowly" if self.narrow else "",
         )  # fmt: skip
         rest = words.per_cent(self.share)
         if self.adequate == "together":
