@@ -128,7 +128,7 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
         save(isolability_figure(found), plot)
     write_result(json_file, found)
     if not quiet:
-        click.echo(f"{found.readings} readings, {len(found.causes)} causes at plausible strengths")
+        click.echo(f"{found.readings} readings, {len(found.causes)} causes at plausible strengths, by linear refits")
         without = idle(terms, read.groups)
         if unseen := [id for id in found.unseen if id not in without]:
             click.echo(f"would not be seen: {', '.join(unseen)}")

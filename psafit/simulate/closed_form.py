@@ -707,7 +707,7 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     if start == math.inf:
         return start, 0.0, 0.0, 0.0
     now = start
-    _, level, slope, phasor = _commanded(rows, point, row, k, phase, now)
+    end, level, slope, phasor = _commanded(rows, point, row, k, phase, now)
     order, lowest = _leading(level - point[IDLE], slope, phasor, point[OMEGA], point[REACH])
     behind = lowest < 0.0 and not pressed
     if behind and len(tip[0]) == 0:
@@ -720,14 +720,15 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     a, b, C = point[IDLE], 0.0, 0j
     once = twice = top = rounded = 0.0
     before = -1.0
-    rising, begins, ramps = True, True, False
+    rising, begins, ramps, moved = True, True, False, False  # the last: whether the command is to be asked again
     watched = 0
     while watched < len(moments) and moments[watched] <= now:
         seen[watched] = 0.0
         watched += 1
     while True:
-        end, level, slope, phasor = _commanded(rows, point, row, k, phase, now)
-        span = end - now
+        if moved:
+            end, level, slope, phasor = _commanded(rows, point, row, k, phase, now)
+        moved, span = True, end - now
         da, db, dC = level - a, slope - b, phasor - C
         if db != 0.0 and not ramps:
             ramps = True
