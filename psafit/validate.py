@@ -278,14 +278,11 @@ def intervals(run: Run, plan: Plan, *, n_draws: int = 1000) -> FloatArray:
         session = group.id if is_one_of(group, fitted) else "a session to come"
         design = Design.of(plan.constants, [group])
         exact = readings_of(design, problem.theta(draws, [session], rng), problem.terms)
-        drawn = np.empty_like(exact)
-        for k in np.unique(group.measured).tolist():
-            at = np.flatnonzero(group.measured == k)
-            scatter = noise.along(problem.scatter_to_come(draws, k), design.elapsed[at])
-            usual = problem.sigma_to_come(k)
-            known = None if usual is None else np.full(at.size, usual)
-            sigma = known if group.sigma is None else group.sigma[at]
-            drawn[:, at] = noise.draw(exact[:, at], scatter, sigma, rng)
+        kinds = np.unique(group.measured).tolist()
+        scatter = noise.by_reading({k: problem.scatter_to_come(draws, k) for k in kinds}, design)
+        usual = {k: problem.sigma_to_come(k) or 0.0 for k in kinds}  # where none is usual, none is stated
+        known = np.array([usual[k] for k in group.measured.tolist()]) if group.sigma is None else group.sigma
+        drawn = noise.draw(exact, scatter, known, rng)
         ends.append(np.quantile(np.maximum(drawn, group.floor), [0.05, 0.95], axis=0))
     return np.concatenate(ends, axis=1)
 
