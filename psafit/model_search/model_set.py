@@ -84,6 +84,8 @@ class ModelSet:
         Prior probability of each cause that was looked at; see `beliefs`.
     missed : float
         Chance that the search has missed the set that would lead.
+    visible : float, nats
+        Evidence that a larger set must add to count by itself.
     """
 
     candidates: tuple[Candidate, ...]
@@ -92,6 +94,7 @@ class ModelSet:
     samples: dict[Ids, ImportanceSample]
     beliefs: Mapping[str, float]
     missed: float = 0.0
+    visible: float = SearchSettings.visible
 
     def of(self, ids: Ids) -> Candidate:
         """The candidate with these causes."""
@@ -172,7 +175,7 @@ class ModelSet:
             for ids, draws in self.samples.items()
             if set(ids) > set(named)
             and not self.probability[ids]
-            and draws.standard_error < self.log_evidence[ids] - own < SearchSettings.visible
+            and draws.standard_error < self.log_evidence[ids] - own < self.visible
         }
         return tuple(sorted((ids for ids in odds if odds[ids] >= least), key=lambda ids: -odds[ids]))
 
@@ -225,4 +228,5 @@ def rank(
         samples=samples,
         beliefs=beliefs,
         missed=settings.missed,
+        visible=settings.visible,
     )

@@ -121,3 +121,4 @@ def test_what_is_too_weak_to_show_is_reported_with_what_it_would_change(hidden):
     for gained, why in ((0.001, "it may be chance"), (3.1, "it counts with another set")):
         other = replace(absorbed, log_evidence=weak | {lag: hidden.log_evidence[()] + gained})
         assert not counted_of(other, other.baseline), why
+    assert not counted_of(replace(absorbed, visible=1.0), absorbed.baseline), "by the search's own setting"
