@@ -385,11 +385,11 @@ class Diagnosed(_Shown):
 def _sizes(cause: CauseResult) -> Iterator[tuple[str, str]]:
     """Each parameter of a model, and its value with its interval and unit as the terminal prints it."""
     for name, p in cause.parameters.items():
-        if p.lower is None or p.upper is None:
+        if p.interval is None:
             unit = "" if p.unit == "1" else f" {p.unit}"
             size = f"{significant(p.median)}{unit} (not sampled)"
         else:
-            size = describe("", p.unit, p.median, (p.lower, p.upper), [], "determined").removeprefix(" = ")
+            size = describe("", p.unit, p.median, p.interval, [], "determined").removeprefix(" = ")
         yield name, size + ("; implausible under its prior" if name in cause.implausible else "")
 
 

@@ -211,6 +211,6 @@ def _sizes(cause: CauseResult, *, whole: bool) -> Iterator[str]:
     plain = {p.name for p in baseline.PARAMETERS}
     for name, p in cause.parameters.items():
         mine = owner(name) in cause.terms or (whole and name in plain)
-        if mine and p.lower is not None and p.upper is not None:
-            size = describe(name, p.unit, p.median, (p.lower, p.upper), [], "determined")
+        if mine and p.interval is not None:
+            size = describe(name, p.unit, p.median, p.interval, [], "determined")
             yield size + ("; implausible under its prior" if name in cause.implausible else "")

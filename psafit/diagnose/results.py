@@ -76,14 +76,11 @@ def counted_of(model_set: ModelSet, adopted: Candidate) -> list[Counted]:
         larger = model_set.of(ids)
         values = _parameters(model_set, larger)
         added = {p.name for t in larger.terms if t.id not in adopted.ids for p in t.parameters}
-        moved = {name: values[name] for name in physical if _outside(values[name].median, own[name])}
+        ends = {name: interval for name in physical if (interval := own[name].interval)}
+        moved = {name: values[name] for name, (low, high) in ends.items() if not low <= values[name].median <= high}
         more = {name: p for name, p in values.items() if name in added}
         found.append(Counted(list(ids), model_set.odds(ids, adopted.ids), more, moved))
     return found
-
-
-def _outside(value: float, interval: ParameterResult) -> bool:
-    return not (interval.lower is None or interval.upper is None or interval.lower <= value <= interval.upper)
 
 
 def cause_result(model_set: ModelSet, verdict: Verdict, candidate: Candidate) -> CauseResult:

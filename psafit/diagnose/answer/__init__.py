@@ -186,10 +186,8 @@ def _sized(causes: list[CauseResult]) -> dict[str, ParameterResult]:
 
 def _too_weak(d: Diagnosis) -> Iterator[Statement]:
     """Larger sets that are counted with what is adopted: given a model that is wrong they say nothing."""
-    adopted = d.named if d.verdict != "adequate" else []
-    model = next((c for c in d.causes if c.terms == adopted), None)
-    if model and d.verdict != "unexplained":
-        yield from (TooWeak(adopted, counted, model.parameters) for counted in d.counted)
+    if d.best_model and d.verdict != "unexplained":
+        yield from (TooWeak(d.named, counted, d.best_model.parameters) for counted in d.counted)
 
 
 def _unseen(d: Diagnosis) -> Iterator[Statement]:
@@ -226,9 +224,9 @@ def _tails(d: Diagnosis, terms: list[str]) -> tuple[float, float] | None:
     """The interval of Student's nu, where all of it lies below the median of its prior."""
     model = next((c for c in d.causes if set(c.terms) == set(terms)), None)
     nu = model.parameters.get(_TAILS.name) if model else None
-    if nu is None or nu.lower is None or nu.upper is None:
+    if nu is None or nu.interval is None:
         return None
-    return (nu.lower, nu.upper) if nu.upper < float(_TAILS.to_physical(_TAILS.prior_quantile(0.5))) else None
+    return nu.interval if nu.interval[1] < float(_TAILS.to_physical(_TAILS.prior_quantile(0.5))) else None
 
 
 def _robust(d: Diagnosis) -> Iterator[Statement]:

@@ -404,8 +404,7 @@ class TooWeak(Statement):
 
 
 def _size(words: Words, name: str, p: ParameterResult) -> str:
-    ends = None if p.lower is None or p.upper is None else (p.lower, p.upper)
-    return words.size(name, p.unit, p.median, ends)
+    return words.size(name, p.unit, p.median, p.interval)
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,11 @@ class ParameterResult:
     description: str
     prior_share: float
 
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The ends of the 90 % interval; None where the model was not sampled."""
+        return None if self.lower is None or self.upper is None else (self.lower, self.upper)
+
 
 @dataclass(frozen=True)
 class Evidence:
