@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from clusters import two_workers
 
 from psafit.errors import ConvergenceError, InputError, PsafitError
 from psafit.workers import cores, precompute, processes, unordered
@@ -73,9 +74,8 @@ def test_a_process_that_grows_is_kept() -> None:
 
 @pytest.mark.slow
 def test_work_that_ends_one_worker_of_a_cluster_after_the_other_is_reported():
-    distributed = pytest.importorskip("distributed")
     with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster,
+        two_workers() as cluster,
         pytest.raises(InputError, match="Dask gave up a piece of work"),
         processes(1, cluster.scheduler_address) as usable,
     ):

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from campaigns import SMALL, deaf, given, says
+from clusters import two_workers
 from commands import call
 from outside import OUTSIDE
 
@@ -157,10 +158,9 @@ def test_a_diagnosis_that_breaks_its_contract_is_a_failure(known: Experiment, tm
 
 @pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_gives_what_one_process_gives(known: Experiment, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
     specs = given(plan(4, terms=["gap"], each=0, nothing=8, pairs=0, drawn=0))
     serial = run(specs, tmp_path / "serial", design_of=known, diagnose=deaf, jobs=1)
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
+    with two_workers() as cluster:
         killed: list[int] = []
 
         def kill(done: int, total: int, note: str) -> None:

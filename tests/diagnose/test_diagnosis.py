@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from clusters import two_workers
 from rigs import RIG
 from truths import FEW, experiment, few, problem
 
@@ -258,11 +259,10 @@ def test_nothing_that_is_not_a_diagnosis_s_own_is_replaced(tmp_path):
 @pytest.mark.slow
 def test_a_cluster_diagnoses_as_one_process_does(tmp_path):
     """The search, those without a group, and those where nothing is hidden."""
-    distributed = pytest.importorskip("distributed")
     e = experiment(["amplifier_lag"], [4e-5], n=8, groups=("a", "b"))
     asked = {"catalogue": FEW[:2], "settings": Effort(simulated=49, searches=2, steps=0)}
     alone = diagnose(e, ["a"], tmp_path / "alone", jobs=1, **asked)
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
+    with two_workers() as cluster:
         found = diagnose(e, ["a"], tmp_path / "cluster", scheduler=cluster.scheduler_address, **asked)
     assert found.identity == alone.identity and found.causes == alone.causes and found.gain == alone.gain
     assert found.misfit.search == alone.misfit.search and len(found.misfit.search.null) == 2

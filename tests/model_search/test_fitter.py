@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from clusters import two_workers
 from joblib.externals.loky import get_reusable_executor
 from truths import FEW, experiment, problem
 
@@ -197,11 +198,10 @@ def test_a_search_whose_worker_is_killed_goes_on_with_the_same_command(tmp_path:
 
 @pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_in_mid_search_finds_what_one_process_finds(tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
     one, dead = problem(experiment(["amplifier_lag"], [4e-5], n=12)), []  # type: ignore[var-annotated]
     alone = search_models(one, FEW, seed=1)
     memory = Memory(tmp_path)
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
+    with two_workers() as cluster:
         killer = killing(memory, lambda: [w.pid for w in cluster.workers.values()], dead)
         found = search_models(one, FEW, seed=1, scheduler=cluster.scheduler_address, memory=memory)
         killer.join()
