@@ -174,6 +174,14 @@ UNSURE: dict[str, tuple[str, dict[str, Any], str]] = {
     "speeds at one condition": (
         text(SPEEDS, long(THREE[:1])), PEAK, "'velocity (mm/s)=velocity_mm_s' or --column 'velocity (mm/s)=launch_",
     ),
+    "ranges at one condition": (
+        text("Time (ms);f (Hz);Vp;Range (um)", [(t, f, v, 1 + y) for f, v, t, y in long(THREE[:1])]),
+        {}, "'Range (um)=displacement_um', or --column 'Time (ms)=ignore' if each row is a launch",
+    ),
+    "forces at one condition": (
+        text("Time (ms);f (Hz);Vp;Peak force (N)", [(t, f, v, 1 + y) for f, v, t, y in long(THREE[:1])]),
+        {}, "psafit reads no such recording: give peak_force_n of each launch",
+    ),
     "speeds at conditions by turns": (
         text(SPEEDS, [(f, v, 10.0 * k, y) for k, (f, v, _, y) in enumerate(MIXED)]), PEAK, "and the time a clock",
     ),

@@ -126,16 +126,18 @@ def _microseconds(number: Number) -> float:
     return float(number.value if factor is None else number.value * factor)
 
 
-def clock(grid: Grid, head: Head, columns: Iterable[Column], options: Options) -> tuple[Column, str] | None:
+def clock(
+    grid: Grid, head: Head, columns: Iterable[Column], options: Options, of_day: bool = True
+) -> tuple[Column, str] | None:
     """The first column that counts time, in as many steps as a trace has, and the remedy that makes it the time.
 
-    It is in a unit of time, or holds times of the day, and never falls.
+    It is in a unit of time or, where those count, holds times of the day, and never falls.
     """
     for column in columns:
         below = cells(grid, head, column.place)
         days = [found for cell in below if (found := _OF_DAY.search(str(cell)))]
         notation, unit = likeliest(below), head.unit(column.place)
-        if len(days) == len(below):
+        if len(days) == len(below) and of_day:
             times = [3600 * int(d[1]) + 60 * int(d[2]) + float((d[3] or "0").replace(",", ".")) for d in days]
             remedy = f"give column {column.name} in seconds"
         elif column.column == TIME or (unit and unit.kind == COLUMNS[TIME].unit):
@@ -149,11 +151,16 @@ def clock(grid: Grid, head: Head, columns: Iterable[Column], options: Options) -
 
 
 def check_launches(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
-    """Readings of which one condition was held, next to a clock, may be a recording of one launch."""
+    """Readings of which one condition was held, next to a clock, may be a recording of one launch.
+
+    Next to a condition that is written in each row, times of the day are those of launches.
+    """
     read = next((c for c in chosen.columns if role(c.column) == "reading" and not c.mapped), None)
-    if read is None or any(chosen.of(name) for name in CONDITION_COLUMNS):
+    written = [column for name in CONDITION_COLUMNS for column in chosen.of(name)]
+    if read is None or any(len(set(cells(grid, head, column.place))) > 1 for column in written):
         return
-    if (found := clock(grid, head, (c for c in chosen.unused if not c.mapped), options)) is None:
+    others = (c for c in chosen.unused if not c.mapped)
+    if (found := clock(grid, head, others, options, of_day=not written)) is None:
         return
     time, remedy = found
     motion = next((q for q in COLUMNS.values() if (q.role, q.unit) == ("trace", COLUMNS[read.column].unit)), None)
