@@ -1,6 +1,6 @@
 """One cause of thirty nats, or none, hidden in two short traces: a diagnosis finds it.
 
-The drives have a waveform, or one of them was recorded.
+The drives have a waveform, or one of them was recorded. A sweep of launch ranges may stand next to the traces.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ PULSE = Drive(
 DRIVES = {"sine": Drive("sine"), "recorded": PULSE}
 
 
-def planned(n: int, drive: Drive) -> Experiment:
-    """A displacement under a drive and a velocity under a square wave, `n` samples each."""
+def planned(n: int, drive: Drive, swept: int = 0) -> Experiment:
+    """A displacement under a drive and a velocity under a square wave, `n` samples each, and ranges of a sweep."""
     groups = [
         Conditions(
             i, one, f"{i}.csv", np.full(n, f), np.full(n, 20.0),
@@ -49,7 +49,9 @@ def planned(n: int, drive: Drive) -> Experiment:
             (1, drive, 1200.0, DISPLACEMENT, 500.0), (2, Drive("square"), 1500.0, VELOCITY, 300.0),
         )
     ]  # fmt: skip
-    return Plan(STUDY, tuple(groups), ()).with_readings(np.ones(2 * n), "made")
+    if swept:
+        groups.append(Conditions(3, Drive("sine"), "3.csv", np.geomspace(100, 20000, swept), np.full(swept, 20.0)))
+    return Plan(STUDY, tuple(groups), ()).with_readings(np.ones(2 * n + swept), "made")
 
 
 def drawn(problem: Problem, exact: np.ndarray, seed: int) -> Experiment:
@@ -84,9 +86,9 @@ def hiding(problem: Problem, hidden: Term, seed: int) -> Experiment:
     return made
 
 
-def measured(hidden: Term | None, seed: int, folder: Path, drive: Drive, n: int = 40) -> Experiment:
-    """Traces, of the baseline or with a cause, read from their folder."""
-    plan = planned(n, drive)
+def measured(hidden: Term | None, seed: int, folder: Path, drive: Drive, n: int = 40, swept: int = 0) -> Experiment:
+    """Traces, and ranges of a sweep, of the baseline or with a cause, read from their folder."""
+    plan = planned(n, drive, swept)
     problem = Problem(plan, plan.ids)
     u = problem.prior_transform(np.full((1, problem.n_dim), 0.5))
     made = hiding(problem, hidden, seed) if hidden else drawn(problem, problem.predict(u)[0], seed)
@@ -110,7 +112,10 @@ def test_nothing_is_found_in_sound_traces(drive: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("drive", "hidden"), [("sine", "hertz_exponent"), ("recorded", "gap")])
-def test_a_cause_hidden_in_traces_is_found(drive: str, hidden: str, tmp_path: Path) -> None:
-    said = said_of(measured(term(hidden), 2, tmp_path / "rig", DRIVES[drive]), tmp_path / "run")
+@pytest.mark.parametrize(
+    ("drive", "swept", "hidden"),
+    [("sine", 0, "hertz_exponent"), ("recorded", 0, "gap"), ("sine", 20, "amplifier_lag")],
+)
+def test_a_cause_hidden_in_traces_is_found(drive: str, swept: int, hidden: str, tmp_path: Path) -> None:
+    said = said_of(measured(term(hidden), 2, tmp_path / "rig", DRIVES[drive], swept=swept), tmp_path / "run")
     assert said["verdict"] in ("explained", "ambiguous") and frozenset([hidden]) in reported_set(said)

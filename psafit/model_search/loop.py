@@ -393,10 +393,12 @@ def search(
         checked = "likely models checked; " if len(near) > 1 else ""
         progress(f"{checked}{name} leads; {len(models)} models fitted", len(near) - len(left), len(near))
         sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
-        if sure and len(best_model.ids) == 1 and (pairs := known.pairs(known.showing())) and not passes(best_model):
+        whole = known.complete(best_model, highest)
+        paired = len(best_model.ids) == 2 or (len(best_model.ids) == 1 and whole)
+        if sure and paired and (pairs := known.pairs(known.showing())) and not passes(best_model):
             known.carry_up(pairs)
             continue
-        if sure and not known.complete(best_model, highest):
+        if sure and not whole:
             known.expand(best_model, highest)
             continue
         if not left:
