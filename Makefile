@@ -153,7 +153,7 @@ $(STAMP)-run: requirements.lock pyproject.toml
 	@$(INSTALL) requirements.lock
 	@$(COMPILE)
 	@$(PIP) install --no-deps -e .
-	@echo 'Compiling the simulator: about a minute, once'
+	@echo 'Compiling the simulator: half a minute to a minute, once'
 	@$(BIN)/python -m psafit.simulate
 	@printf '%s' "$$PWD" > $@
 

@@ -6,20 +6,32 @@ that start together would each compile it.
 
 from __future__ import annotations
 
+from concurrent.futures import ProcessPoolExecutor
+
 import numpy as np
 
 from psafit.experiment import Constants
 from psafit.physics import terms
 from psafit.simulate import Design, simulate
 
+# What makes the closed form run, and what the stepper.
+ENGINES = ((), ("hertz_exponent",))
 
-def main() -> None:
-    """Simulate launches by the closed form and by the stepper, one set and a batch that several threads share."""
+
+def launch(causes: tuple[str, ...]) -> None:
+    """Simulate launches of one set of parameters, and of a batch that several threads share."""
     rig = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
     design = Design.sweep(rig, "sine", np.geomspace(200.0, 2000.0, 64), 20.0)
+    values = [4e5, 9e3, 60.0, 1.5][: 3 + len(causes)]
     for n_sets in (1, 256):
-        simulate(design, np.tile([4e5, 9e3, 60.0], (n_sets, 1)))
-        simulate(design, np.tile([4e5, 9e3, 60.0, 1.5], (n_sets, 1)), terms(["hertz_exponent"]))
+        simulate(design, np.tile(values, (n_sets, 1)), terms(causes))
+
+
+def main() -> None:
+    """Compile each engine in a process of its own."""
+    with ProcessPoolExecutor(len(ENGINES)) as processes:
+        for done in [processes.submit(launch, causes) for causes in ENGINES]:
+            done.result()
 
 
 if __name__ == "__main__":
