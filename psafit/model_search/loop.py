@@ -17,8 +17,8 @@ and which come within the window if each does as much there as it does at most a
 neighbours that do as well. All of them were fitted once, and none came near.)
 
 A cause may do much of what two do together, and lead though neither of them does as much alone. So where the tests of
-misfit reject the single cause that leads, all pairs of causes that show are fitted from known optima, before it gets
-others.
+misfit reject the single cause that leads when it has its neighbours, or the pair that leads, all pairs of causes that
+show are fitted from known optima, before any set gets a third.
 
 What leads early on is a part of all that follows, and many causes may do as well as many others. So where the best has
 more causes than fits find from the prior, the search goes up again without each of them, as long as a step leads
@@ -372,8 +372,8 @@ def search(
     starts : sequence of sets
         Models to fit before all else, in addition to the one without causes.
     passes : callable
-        Whether the readings pass the tests of misfit by a model. Asked of a single cause that leads, where others show,
-        and of what leads in the end.
+        Whether the readings pass the tests of misfit by a model. Asked of one or two causes that lead, where others
+        show, and of what leads in the end.
     progress : callable
         Called with (what, models whose neighbours were fitted, models of which they are to be).
     """
@@ -394,8 +394,8 @@ def search(
         progress(f"{checked}{name} leads; {len(models)} models fitted", len(near) - len(left), len(near))
         sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
         whole = known.complete(best_model, highest)
-        paired = len(best_model.ids) == 2 or (len(best_model.ids) == 1 and whole)
-        if sure and paired and (pairs := known.pairs(known.showing())) and not passes(best_model):
+        small = len(best_model.ids) == 2 or (len(best_model.ids) == 1 and whole)
+        if sure and small and (pairs := known.pairs(known.showing())) and not passes(best_model):
             known.carry_up(pairs)
             continue
         if sure and not whole:

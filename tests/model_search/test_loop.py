@@ -296,6 +296,9 @@ def test_two_causes_are_found_behind_one_that_does_much_of_what_they_do() -> Non
     fake = Fake(evidence)
     search(CATALOGUE, fake, flat)  # the tests pass by "e": that is all there is to say
     assert ("b", "g") not in {*fake.fitted, *fake.carried_over}
+    fake = Fake(lambda ids: evidence(ids) + 40.0 * ({"e", "h"} <= {*ids}))
+    found = search(CATALOGUE, fake, flat, passes=lambda model: {"e", "h"} <= {*model.ids})
+    assert found.models["e", "h"].sampled and ("b", "c") not in found.models  # "h" is what "e" lacks: no more pairs
 
 
 def test_where_the_tests_fail_in_the_end_what_shows_besides_gets_its_neighbours_too() -> None:
@@ -307,7 +310,8 @@ def test_where_the_tests_fail_in_the_end_what_shows_besides_gets_its_neighbours_
 
     fake = Fake(evidence)
     found = search(CATALOGUE, fake, flat, passes=lambda model: {"b", "f"} <= {*model.ids})
-    assert found.models["b", "f"].sampled and not [ids for ids in fake.fitted if "g" in ids and len(ids) == 2]
+    assert found.models["b", "f"].sampled
+    assert [ids for ids in fake.fitted if "g" in ids and len(ids) == 2] == [("e", "g")]  # as all neighbours of the lead
     assert ("b", "f") not in search(CATALOGUE, Fake(evidence), flat).models  # where the tests pass by "e"
     none = SearchSettings(widened=0)
     assert ("b", "f") not in search(CATALOGUE, Fake(evidence), flat, none, passes=lambda model: False).models
