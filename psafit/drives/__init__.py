@@ -8,6 +8,8 @@ from __future__ import annotations
 import difflib
 import importlib
 import pkgutil
+import re
+from collections.abc import Mapping
 
 from psafit.drives.drive import Drive, Table
 from psafit.drives.waveform import Piece, Waveform
@@ -19,28 +21,40 @@ WAVEFORMS: dict[str, Waveform] = {m.WAVEFORM.id: m.WAVEFORM for m in _modules if
 TABLE = "table"
 """Name of a drive whose voltage stands in a file."""
 NAMES = (*WAVEFORMS, TABLE)
+_TABLE = f"none of psafit's: give one period as a {TABLE}"
 _VARIED = {
-    "cosine": "a sine with phase_deg = 90",
-    "cos": "a sine with phase_deg = 90",
-    "offset_sine": "a sine with bias_v, and idle_v if it rests there",
-    "biased_sine": "a sine with bias_v, and idle_v if it rests there",
-    "burst": "the waveform with cycles, the periods that it lasts",
-    "sine_burst": "a sine with cycles, the periods that it lasts",
-    "half_sine": f"none of psafit's: give one period as a {TABLE}",
-    "rectified_sine": f"none of psafit's: give one period as a {TABLE}",
-    "pulse": f"unipolar_square if it is up for half of the period, else a {TABLE}",
-    "sawtooth": f"none of psafit's: give one period as a {TABLE}",
-    "ramp": f"triangle if it rises as long as it falls, else a {TABLE}",
+    r"cos|kosin": "a sine with phase_deg = 90",
+    r"\bdc\b|offset|bias": "{} with bias_v, and idle_v if it rests there",
+    r"burst": "{} with cycles, the periods that it lasts",
+    r"half|rectif": _TABLE,
+    r"^(single |rect\w* |square )?\w*pulse?s?$": f"unipolar_square if it is up for half of the period, else a {TABLE}",
+    r"saw": _TABLE,
+    r"ramp": f"triangle if it rises as long as it falls, else a {TABLE}",
 }
-"""What a waveform of another name is, by keys of its group."""
+"""What a waveform is whose name has this in it, by keys of its group."""
+_NEARLY = 0.82  # part of the letters that a misspelt word has of another; "bipolar" and "unipolar" share 0.8
 
 
 def instead(wrong: str) -> str:
     """Remedy for a waveform that there is not: the nearest, and all that there are."""
-    text = wrong.strip().casefold().replace(" ", "_").replace("-", "_")
+    text = re.sub(r"(?<=\w)[\s_-]+(?=\w)", " ", wrong.strip().casefold())
     every = f'there are {", ".join(NAMES[:-1])}, and {TABLE} with drive = "file.csv" for any other voltage'
-    if text in _VARIED:
-        return f"that is {_VARIED[text]}; {every}"
-    other = {name.casefold().replace(" ", "_"): w.id for w in WAVEFORMS.values() for name in w.names}
-    near = [other.get(n, n) for n in difflib.get_close_matches(text[:40], [*NAMES, *other], n=1)]
-    return f"did you mean {near[0]}? {every}" if near else every
+    names = {name: w.id for w in WAVEFORMS.values() for name in (w.id.replace("_", " "), *w.names)} | {TABLE: TABLE}
+    for pattern, said in _VARIED.items():
+        if re.search(pattern, text) and text not in names:
+            rest = _named([word for word in text.split() if not re.search(pattern, word)], names)
+            return f"that is {said.format(f'a {rest[0]}' if len(rest) == 1 else 'a waveform')}; {every}"
+    near = _named(text.split(), names)
+    return f"did you mean {' or '.join(near)}? {every}" if near else every
+
+
+def _named(words: list[str], names: Mapping[str, str]) -> list[str]:
+    """Waveforms of which every word is a word of the name, or nearly; a word that none has may change the rest."""
+    short = {name: id for name, id in names.items() if " " not in name}
+    sets = [(id, {short.get(word, word) for word in name.split()}) for name, id in names.items()]
+    vocabulary = sorted({word for name in names for word in name.split()})
+    near = [difflib.get_close_matches(word[:40], vocabulary, n=1, cutoff=_NEARLY) for word in words if word.isalpha()]
+    if len(near) < len(words) or not all(near):
+        return []
+    said = {short.get(word, word) for (word,) in near}
+    return list(dict.fromkeys([id for id, has in sets if has == said] or [id for id, has in sets if has > said]))

@@ -205,7 +205,7 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str, list[str]]:
             faults.add(fault)
     faults.end()
     plan = Plan(constants, tuple(groups), definition.known(stated, rig, constants), limits, title, rig)
-    return plan, source, definition.jumps()
+    return plan, source, definition.jumps(groups)
 
 
 def _sweep(declared: DeclaredGroup, *, planned: bool) -> Conditions:

@@ -11,11 +11,13 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
+import numpy as np
+
 from psafit.drives import NAMES, TABLE, Drive, Table, instead
 from psafit.errors import Faults, InputError
 from psafit.experiment.drive_table import SETTING_LIMITS, read_drive
 from psafit.experiment.plausible import doubt
-from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId
+from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Conditions, Constants, GroupId
 from psafit.experiment.rig import ALIASES, MATERIALS, SEVERAL, Followed, Rig, material_named
 from psafit.experiment.rig import beliefs as rig_beliefs
 from psafit.experiment.table import LIMITS as COLUMN_LIMITS
@@ -187,6 +189,8 @@ class Definition:
                 near = near_names(key, known, 1)
                 stands_for |= set(near)
                 remedy = f"did you mean {near[0]}?" if near else f"known keys: {listed(known)}"
+                if near and key.rpartition("_")[0] == near[0].rpartition("_")[0] != "":
+                    remedy += " Its name says its unit"
                 if path == ("constants",):  # where none may be left out
                     missing = [name for name in known if name not in table]
                     if missing and not set(near) & set(missing):
@@ -327,15 +331,25 @@ class Definition:
                     found.append(self.error(*said, place, name))
         return found
 
-    def jumps(self) -> list[str]:
-        """One line for each group with a bias that does not say what its drive rests at, where all was read."""
+    def jumps(self, groups: Sequence[Conditions], most_at_rest: float = 0.1) -> list[str]:
+        """One line for each group whose drive begins elsewhere than at 0 V and does not say what it rests at.
+
+        Parameters
+        ----------
+        groups : sequence of Conditions
+        most_at_rest : float
+            Part of its swing by which a recorded voltage may begin off 0 V, as noise makes it.
+        """
+        silent = {table["id"] for table in self.data["group"] if "idle_v" not in table}
         found = []
-        for table in self.data["group"]:
-            bias = _number(table.get("bias_v")) or 0.0
-            if bias and "idle_v" not in table:
-                what = f"the drive jumps from 0 to {bias:g} V at its start"
-                remedy = f"does it rest at the bias? Then say idle_v = {bias:g}, else idle_v = 0"
-                found.append(f"{DEFINITION}: group {table['id']}: {what}; {remedy}")
+        for group in groups:
+            begin, noise = group.drive.bias_v, 0.0
+            if group.drive.recorded and (table := group.drive.table):
+                begin, noise = float(table.value[0]), most_at_rest * float(np.ptp(table.value))
+            if abs(begin) > noise and group.id in silent:
+                what = f"the drive jumps from 0 to {begin:g} V at its start"
+                remedy = f"does it rest there? Then say idle_v = {begin:g}, else idle_v = 0"
+                found.append(f"{DEFINITION}: group {group.id}: {what}; {remedy}")
         return found
 
     def _material(self, name: str, value: object) -> str:

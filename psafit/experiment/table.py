@@ -356,7 +356,6 @@ def _foreign(names: Sequence[str]) -> tuple[str, str] | None:
 def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]:
     names = [cell.strip() for cell in cells]
     known = (*CONDITION_COLUMNS, *READING_COLUMNS, *SIGMA_COLUMNS)
-    needed = CONDITION_COLUMNS if planned or set(names) & set(READING_COLUMNS) else _USUAL
     faults = Faults()
 
     def add(what: str, remedy: str) -> None:
@@ -386,6 +385,7 @@ def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]
             add(f"unknown column {shown(name)}", remedy)
         else:
             strange.append(shown(name))
+    needed = CONDITION_COLUMNS if planned or {*names, *meant} & {*READING_COLUMNS} else _USUAL
     missing = [shown(n) for n in needed if n not in names and n not in meant]
     for what, wrong in (
         ("unknown column", strange),

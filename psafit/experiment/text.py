@@ -36,7 +36,8 @@ def near_names(wrong: str, known: Iterable[str], n: int = 2) -> list[str]:
     names = list(known)
     folded = wrong.casefold()
     same = [name for name in names if name == _MEANT.get(folded) or name.casefold() == folded]
-    return same or difflib.get_close_matches(wrong[:40], names, n=n)
+    # A name that shares less than two thirds of its letters is another one: "duty_cycle" is no "cycles".
+    return same or difflib.get_close_matches(wrong[:40], names, n=n, cutoff=2 / 3)
 
 
 def did_you_mean(wrong: str, known: Iterable[str]) -> str:

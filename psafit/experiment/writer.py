@@ -192,8 +192,9 @@ def group_text(group: Conditions, file: str) -> str:
         names = zip(CONDITION_COLUMNS, condition, strict=True)
         lines += [f"{name} = {number_text(value)}" for name, value in names]
     settings = group.drive.settings
-    if bias := settings.pop("bias_v", None):  # without what it rests at it is asked for
-        settings = {"bias_v": bias, "idle_v": group.drive.idle_v} | settings
+    if group.drive.recorded or "bias_v" in settings:  # without what it rests at it is asked for
+        bias = {name: settings[name] for name in ("bias_v",) if name in settings}
+        settings = {**bias, "idle_v": group.drive.idle_v, **settings}
     for key, value in settings.items():
         lines.append(f"{key} = {_quoted(value) if isinstance(value, str) else number_text(value)}")
     if group.changed:

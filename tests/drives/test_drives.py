@@ -60,6 +60,19 @@ def test_what_there_is_not_leads_on() -> None:
     assert instead("half-sine").startswith("that is none of psafit's: give one period as a table")
     for text in (instead("wobbly"), instead("sqare"), instead("burst")):
         assert all(name in text for name in NAMES)
+    assert instead("Rechteck unipolar").startswith("did you mean unipolar_square?")
+    assert instead("unipolar").startswith("did you mean unipolar_sine or unipolar_square?")
+    assert instead("offset sine").startswith("that is a sine with bias_v")
+    assert instead("burst").startswith("that is a waveform with cycles")
+    assert instead("cosinus").startswith("that is a sine with phase_deg = 90")
+
+
+@pytest.mark.parametrize(
+    "wrong", ["triangle_unipolar", "abs_sine", "sin^2", "-sine", "sine 0 to V", "bipolar_square", "inverted sine"]
+)
+def test_a_word_that_changes_a_waveform_names_none(wrong: str) -> None:
+    """What nearly has a waveform's name would be described by another's."""
+    assert instead(wrong).startswith("there are sine, square,")
 
 
 @pytest.mark.parametrize(

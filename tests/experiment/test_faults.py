@@ -208,6 +208,13 @@ def test_a_waveform_is_read_whatever_its_capitals(tmp_path: Path) -> None:
     write_experiment(other, tmp_path / "again")  # as it was written
     assert read_experiment(tmp_path / "again").fingerprint == plain.fingerprint
     assert refusal(write(tmp_path / "sin", TOML.replace('"sine"', '"sin"'))).remedy.startswith("did you mean sine?")
-    assert refusal(write(tmp_path / "saw", TOML.replace('"sine"', '"saw"'))).remedy.startswith(
+    assert refusal(write(tmp_path / "wob", TOML.replace('"sine"', '"wobble"'))).remedy.startswith(
         "there are sine, square, "
     )
+
+
+def test_a_reading_that_is_misnamed_is_the_only_fault(tmp_path: Path) -> None:
+    """Whoever reads a speed is not asked for a range as well."""
+    (tmp_path / "a").mkdir()
+    folder = write(tmp_path / "a", a="frequency_hz,amplitude_v,launch_speed_m_s\n1200,20,0.3\n")
+    assert str(refusal(folder)).endswith("unknown column 'launch_speed_m_s'; did you mean launch_speed_mm_s, in mm/s?")

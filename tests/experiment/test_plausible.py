@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -216,9 +217,22 @@ def test_traces_of_one_condition_that_differ_are_named(factor: float, said: str,
 def test_a_bias_without_what_it_rests_at_is_named(keys: str, asked: bool, tmp_path: Path) -> None:
     toml = TOML.replace('waveform = "sine"', f'waveform = "sine"\n{keys}')
     experiment = read_experiment(write(tmp_path / "a", toml))
-    said = "group 1: the drive jumps from 0 to 10 V at its start; does it rest at the bias? Then say idle_v = 10,"
+    said = "group 1: the drive jumps from 0 to 10 V at its start; does it rest there? Then say idle_v = 10,"
     assert [said in w for w in experiment.warnings] == [True] * asked
     assert "\nbias_v = 10\nidle_v = 0\n" in group_text(experiment.groups[0], "a.csv")
+
+
+@pytest.mark.parametrize(("first", "said"), [(20.0, "jumps from 0 to 20 V at its start"), (0.5, "")])
+def test_a_recording_that_begins_off_zero_without_what_it_rests_at_is_named(
+    first: float, said: str, tmp_path: Path
+) -> None:
+    """Noise is no jump. What is written again says what the drive rests at."""
+    toml = TOML.replace('waveform = "sine"', 'waveform = "table"\ndrive = "drive.csv"')
+    rows = [(0, first), *((10 * k, 20 + 20 * math.sin(k)) for k in range(1, 12))]
+    (tmp_path / "drive.csv").write_text("time_us,voltage_v\n" + "".join(f"{t},{u:.3f}\n" for t, u in rows))
+    experiment = read_experiment(write(tmp_path, toml))
+    assert [said in w for w in experiment.warnings if "jumps" in w] == [True] * bool(said)
+    assert "\nidle_v = 0\n" in group_text(experiment.groups[0], "a.csv")
 
 
 @pytest.mark.parametrize(("top", "asked"), [(20.0, True), (1.2, False)])
