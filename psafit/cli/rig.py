@@ -188,7 +188,8 @@ def _planned(run: Path, out: Path, proposal: int, experiment: Path | None, quiet
         click.echo(f"what is expected: psafit simulate {place} --run {fitted} --plot plan.png")
         o = sweep.observable
         columns = f"a column {o.column}" + ("" if sweep.sigma is None else f", and your {o.sigma_column},")
-        click.echo(f"once measured, put {columns} into {file}, then: psafit diagnose {place}")
+        asked = f"fill the column {o.column} of {file}" if o.traced else f"put {columns} into {file}"
+        click.echo(f"once measured, {asked}, then: psafit diagnose {place}")
     return DONE
 
 

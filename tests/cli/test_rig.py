@@ -178,7 +178,7 @@ def test_a_proposed_trace_becomes_a_plan(
     found = replace(record.next_experiment, proposals=[trace])
     write_json(folder / "diagnosis.json", replace(record, next_experiment=found), sealed=True)
     assert run(monkeypatch, "plan", folder, "--out", tmp_path / "next") == 0
-    assert "put a column velocity_mm_s into" in capsys.readouterr().out
+    assert "fill the column velocity_mm_s of" in capsys.readouterr().out
     new = read_plan(tmp_path / "next").groups[-1]
     file = tmp_path / "next" / new.file
     assert new.time_us is not None and new.time_us.tolist() == times and set(new.frequency_hz) == {1200.0}
