@@ -221,12 +221,16 @@ def _named(kind: int) -> str | None:
 def _furthest(misfit: Misfit, candidate: Candidate, most: int = 3) -> list[Reading]:
     """The readings furthest from a model, `most` of them, whatever the tests say of them."""
     design, observed = candidate.problem.design, candidate.problem.observed
+    time = np.nan_to_num(design.time, nan=-1.0)
+    conditions = np.column_stack([design.group, design.measured, design.frequency, design.amplitude, time])
     return [
         Reading(
             *numbered(candidate.problem, int(k)), float(design.frequency[k]), float(design.amplitude[k]),
             float(observed[k]), float(candidate.predicted[k]), float(misfit.scores[k]), _named(int(design.measured[k])),
+            observed[same[same != k]].tolist() or None,
         )
         for k in np.argsort(-np.abs(misfit.scores), kind="stable")[:most]
+        for same in [np.flatnonzero((conditions == conditions[k]).all(axis=1))]
     ]  # fmt: skip
 
 

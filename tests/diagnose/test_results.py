@@ -9,18 +9,21 @@ import numpy as np
 import pytest
 from truths import FEW, experiment, narrow, problem
 
+from psafit.diagnose.answer import Furthest
 from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.record import NEAREST, NEXT_BEST, NOT_EXCLUDED, UNSEEN
 from psafit.diagnose.results import cause_result, counted_of, misfit_of, screening_of, word_for
 from psafit.diagnose.room import Room
 from psafit.diagnose.screening import VISIBLE, screen
-from psafit.diagnose.words import NO_ACTION
+from psafit.diagnose.words import NO_ACTION, PLAIN
+from psafit.experiment import Group
 from psafit.inference.sample import sample
 from psafit.model_search import search_models
 from psafit.observables import LAUNCH_RANGE, LAUNCH_SPEED, OBSERVABLES
 from psafit.parameters import Belief, Normal
 from psafit.physics import terms
+from psafit.text import significant
 
 
 def test_the_word_for_a_cause(hidden):
@@ -105,6 +108,22 @@ def test_the_readings_furthest_from_what_is_adopted_are_always_reported():
     assert "as there in group c" in misfit.where[0].text
     cause = cause_result(model_set, SimpleNamespace(named=(), probability={(): 1.0}), model_set.baseline)
     assert cause.parameters["nu"].upper < 10.0
+
+
+def test_a_reading_that_stands_out_is_reported_with_its_repeats():
+    """Of the same condition and group; others have none."""
+    e = experiment(n=8, groups=("a",))
+    a = e.groups[0]
+    f, y = (np.concatenate([x, x[3:4]]) for x in (a.frequency_hz, a.reading))
+    y[-1] *= 3
+    twice = Group("a", a.drive, a.file, f, np.full(f.size, 20.0), y)
+    model_set = search_models(problem(replace(e, groups=(twice,))), (), seed=1)
+    before = examine(model_set.baseline, (), seed=1, n_simulated=19)
+    misfit = misfit_of(before, None, discrepancy(model_set.baseline), model_set.baseline, model_set.best_model)
+    read = {r.number: r for r in misfit.baseline.furthest}
+    assert read[8].repeats == [y[3]] and {len(r.repeats or ()) for k, r in read.items() if k not in (3, 8)} == {0}
+    said = Furthest([], [read[8]], 0, None).say(PLAIN)
+    assert f"{significant(y[-1])} um read, {significant(y[3])} um when repeated, " in said
 
 
 def test_what_is_too_weak_to_show_is_reported_with_what_it_would_change(hidden):

@@ -337,9 +337,12 @@ class Furthest(Statement):
     def say(self, words: Words) -> str:
         far = (
             words.put(
-                "{}, {} ({} read, {} predicted)", words.groups([r.group]),
+                "{}, {} ({} read{}, {} predicted)", words.groups([r.group]),
                 words.number(f"{r.frequency_hz:.6g} Hz, {r.amplitude_v:.4g} V"),
                 words.number(f"{significant(r.reading_um)} {r.unit}"),
+                words.put(", {} {} when repeated", words.joined(", ", map(significant, r.repeats)), r.unit)
+                if r.repeats
+                else "",
                 words.number(f"{significant(r.predicted_um)} {r.unit}"),
             )
             for r in self.readings

@@ -60,6 +60,8 @@ class Reading:
         In standard deviations of the scatter.
     observable : str, optional
         What was read, by its name; left out for the launch range.
+    repeats : list of float, optional
+        Other readings of the group at the same condition, in that unit; left out where there are none.
     """
 
     group: GroupId
@@ -70,6 +72,7 @@ class Reading:
     predicted_um: float
     score: float
     observable: str | None = field(default=None, metadata=ABSENT)
+    repeats: list[float] | None = field(default=None, metadata=ABSENT)
 
     @property
     def unit(self) -> str:
