@@ -250,7 +250,8 @@ class NextExperiment:
         does = (
             f"{self.about}, by {significant(one.separation, 2)} +- {significant(one.error, 1)} nats on average"
             if self.separates
-            else f"{self.about}, whose uncertainty falls by {fixed(-math.expm1(-one.separation), per_cent=True)} %"
+            else f"{self.about}, whose standard deviation falls by at least"
+            f" {fixed(-math.expm1(-one.separation), per_cent=True)} %"
         )
         return does + ("" if self.recommended else ", hardly worth the measurement")
 

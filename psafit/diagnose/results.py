@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -16,6 +17,7 @@ from psafit.diagnose.record import (
     NOT_EXCLUDED,
     UNSEEN,
     CauseResult,
+    Condition,
     Counted,
     DiscrepancyResult,
     Evidence,
@@ -37,6 +39,7 @@ from psafit.diagnose.words import NO_ACTION
 from psafit.experiment import GroupId
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
+from psafit.inference.problem import Problem
 from psafit.model_search.model_set import ModelSet
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.parameters import broadened
@@ -151,6 +154,7 @@ def screening_of(
                 plausible(s.term)[0],
                 None if left is None else left.share,
                 None if left is None else left.size,
+                None if left is None else condition_of(model_set.baseline.problem, left.row),
             )
         )  # fmt: skip
     return sorted(found, key=lambda s: -s.refit_gain)
@@ -218,6 +222,14 @@ def _named(kind: int) -> str | None:
     return None if OBSERVABLES[kind] is LAUNCH_RANGE else OBSERVABLES[kind].name
 
 
+def condition_of(problem: Problem, row: int) -> Condition:
+    """Where a row of the design was read."""
+    design, (group, number) = problem.design, numbered(problem, row)
+    time = float(design.time[row])
+    when = None if math.isnan(time) else 1e6 * time
+    return Condition(group, number, float(design.frequency[row]), float(design.amplitude[row]), time_us=when)
+
+
 def _furthest(misfit: Misfit, candidate: Candidate, most: int = 3) -> list[Reading]:
     """The readings furthest from a model, `most` of them, whatever the tests say of them."""
     design, observed = candidate.problem.design, candidate.problem.observed
@@ -225,9 +237,9 @@ def _furthest(misfit: Misfit, candidate: Candidate, most: int = 3) -> list[Readi
     conditions = np.column_stack([design.group, design.measured, design.frequency, design.amplitude, time])
     return [
         Reading(
-            *numbered(candidate.problem, int(k)), float(design.frequency[k]), float(design.amplitude[k]),
-            float(observed[k]), float(candidate.predicted[k]), float(misfit.scores[k]), _named(int(design.measured[k])),
-            observed[same[same != k]].tolist() or None,
+            **vars(condition_of(candidate.problem, int(k))), reading_um=float(observed[k]),
+            predicted_um=float(candidate.predicted[k]), score=float(misfit.scores[k]),
+            observable=_named(int(design.measured[k])), repeats=observed[same[same != k]].tolist() or None,
         )
         for k in np.argsort(-np.abs(misfit.scores), kind="stable")[:most]
         for same in [np.flatnonzero((conditions == conditions[k]).all(axis=1))]

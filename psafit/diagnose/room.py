@@ -21,10 +21,13 @@ class Room:
         Largest change of a reading, as a share of it.
     size : float
         Of its effect on all readings, in standard deviations of their scatter, less what a refit takes up.
+    row : int
+        The reading that changes most as a rule, as a row of the design.
     """
 
     share: float
     size: float
+    row: int
 
 
 def room(
@@ -73,5 +76,6 @@ def room(
     plain = model_set.of(adopted)
     effect = plain.project_out(predicted - plain.predicted)
     size = np.linalg.norm(effect, axis=1)
-    largest = np.max(np.abs(effect) * plain.scatter / (np.abs(plain.predicted) + plain.problem.offset), axis=1)
-    return Room(*(float(quantiles(each, pool.weights, [limit])[0]) for each in (largest, size)))
+    changed = np.abs(effect) * plain.scatter / (np.abs(plain.predicted) + plain.problem.offset)
+    share, most = (float(quantiles(each, pool.weights, [limit])[0]) for each in (changed.max(axis=1), size))
+    return Room(share, most, int(np.argmax(pool.weights @ changed)))

@@ -15,6 +15,7 @@ from psafit.diagnose.answer import (
     Judged,
     Kind,
     Named,
+    Room,
     Searched,
     Sizes,
     TooWeak,
@@ -149,6 +150,24 @@ def test_a_set_that_breaks_a_law_is_no_explanation_among_others() -> None:
     odd = replace(d, unexplained_by="values")
     (named,) = of(odd, Named)
     assert "cannot decide" in named.say(PLAIN) and "it fits only at values that are implausible" in named.say(PLAIN)
+
+
+def test_where_a_reading_was_taken_is_reported() -> None:
+    """Of what is furthest, along a trace with its time, and of what may change most."""
+    d = record()
+    (first, *_) = d.misfit.extended.furthest if d.misfit.extended else d.misfit.baseline.furthest
+    late = replace(first, group=4, frequency_hz=6900.0, amplitude_v=60.0, time_us=120.5)
+    assert "group 4, 6900 Hz, 60 V, 120.5 us (" in Furthest([], [late], 0, None).say(PLAIN)
+    bounded = [replace(d.screening[0], id="preload", room=0.19, room_at=late)]
+    (left,) = of(replace(d, verdict="explained", screening=bounded), Room)
+    assert "preload changes a reading (group 4, 6900 Hz, 60 V, 120.5 us) by up to 19 %" in left.say(PLAIN)
+
+
+def test_what_the_tests_alone_would_not_have_asked_for_rests_on_odds() -> None:
+    d = record()
+    calm = replace(d.misfit, p_value=0.3, baseline=replace(d.misfit.baseline, p_value=0.3))
+    (named,) = of(replace(d, verdict="explained", alternatives=[], misfit=calm), Named)
+    assert "is far more probable than no cause" in named.say(PLAIN) and "rests on odds and priors" in named.say(PLAIN)
 
 
 def test_heavy_tails_are_reported_with_the_readings_that_they_take_up() -> None:

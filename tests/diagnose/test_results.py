@@ -32,7 +32,7 @@ def test_the_word_for_a_cause(hidden):
     seen, unseen = (replace(found["flight_friction"], visible=v, chance=1.0) for v in (2 * VISIBLE, 0.5 * VISIBLE))
     calm = SimpleNamespace(verdict="explained", named=("gap",), alternatives=(), inclusion={"flight_friction": 0.1})
     weak, strong = SimpleNamespace(gain=lambda ids: 0.5), SimpleNamespace(gain=lambda ids: 9.0)
-    little, much = (Room(0.01, size) for size in (0.9 * VISIBLE, 1.1 * VISIBLE))
+    little, much = (Room(0.01, size, 0) for size in (0.9 * VISIBLE, 1.1 * VISIBLE))
     assert word_for(seen, weak, calm, little) == "not present"
     assert word_for(seen, weak, calm, much) == word_for(seen, weak, calm, None) == NOT_EXCLUDED
     assert word_for(unseen, weak, calm, little) == UNSEEN

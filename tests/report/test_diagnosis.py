@@ -193,15 +193,16 @@ def test_page_stands_alone(page):
             doubtful,
             [
                 "Is the baseline adequate? As far as these readings show. The tests find nothing wrong",
-                "Nor can they exclude gap at rest + slew-limited amplifier (60 %).",
+                "stays open: more probable than none (37 %) is gap at rest + slew-limited amplifier (60 %). A set is",
             ],
             ["Yes."],
         ),
         (
             unexplained,
             [
+                "Check first what psafit takes as given: the waveform,",
                 "No cause of the catalogue explains what these readings show. What the baseline misses: ",
-                "uncertainty falls by 78 %",
+                "standard deviation falls by at least 78 %",
                 "Narrowing",
             ],
             ["Success", "Extended", "No other set", "changes a reading by"],
@@ -435,7 +436,9 @@ def test_the_headline_names_what_is_tied() -> None:
     def said(verdict: str, named: list[str], alternatives: list[list[str]]) -> str:
         return replace(record, verdict=verdict, named=named, alternatives=alternatives).headline
 
-    assert said("adequate", [], []) == "verdict: adequate"
+    assert said("adequate", [], []) == "verdict: adequate, though hysteresis is more probable"
+    plain = replace(record, verdict="adequate", named=[], causes=[c for c in record.causes if not c.terms])
+    assert plain.headline == "verdict: adequate"
     assert said("explained", ["a", "b"], []) == "verdict: explained: a + b"
     assert said("unexplained", ["a"], [["b"]]) == "verdict: unexplained; best of the catalogue: a"
     assert said("ambiguous", ["a"], [["b", "c"], []]) == "verdict: ambiguous: a, or b + c, or nothing"
@@ -483,8 +486,8 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
     record = replace(record, next_experiment=NextExperiment.of([weak], Purpose("narrow", parameter="k_c")))
     text = build(record, experiment, tmp_path).first_screen
     assert (
-        "would show much more: the best, sine, 20 V, determines kc (contact stiffness), whose uncertainty falls by 5 %."
-        " More" in text
+        "would show much more: the best, sine, 20 V, determines kc (contact stiffness), whose standard deviation falls"
+        " by at least 5 %. More" in text
     )
 
 

@@ -28,7 +28,7 @@ from psafit.diagnose.answer.findings import (
 )
 from psafit.diagnose.answer.grounds import ByChance, Calibrated, LivesOn, OneGroup, Searched, SmoothIsBetter
 from psafit.diagnose.answer.statement import Statement, Topic
-from psafit.diagnose.answer.worth import Drafted, Gained, Next, NoGain
+from psafit.diagnose.answer.worth import CheckFirst, Drafted, Gained, Next, NoGain
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import NOT_EXCLUDED, UNSEEN, CauseResult, Diagnosis, ParameterResult
 from psafit.diagnose.words import NO_ACTION, PLAIN
@@ -41,6 +41,7 @@ __all__ = [
     "BreaksLaw",
     "ByChance",
     "Calibrated",
+    "CheckFirst",
     "Drafted",
     "Furthest",
     "Gained",
@@ -99,6 +100,8 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
     if d.calibration:
         found.append(Calibrated(d.calibration, d.explains))
     found += [Gained(gain, d.training) for gain in d.gain.values()] or [NoGain(d.quick)]
+    if d.verdict == "unexplained":
+        found.append(CheckFirst())
     if d.draft:
         found.append(Drafted(d.draft))
     if d.next_experiment.proposals:
@@ -132,7 +135,8 @@ def _judged(d: Diagnosis) -> Judged:
 
 def _named(d: Diagnosis) -> Statement:
     if d.verdict == "adequate":
-        return NothingShows([(c.terms, c.probability) for c in d.causes if c.terms and c.probability >= WORTH_SAYING])
+        others = [(c.terms, c.probability) for c in d.causes if c.terms and c.probability >= WORTH_SAYING]
+        return NothingShows(others, kept(d))
     best_model, after = d.best_model, d.misfit.extended
     return Named(
         verdict=d.verdict,
@@ -199,10 +203,11 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
     unseen, idle = ([s.id for s in d.screening if s.verdict == word] for word in (UNSEEN, NO_ACTION))
     if unseen or idle:
         yield Unseen(unseen, idle, len(d.screening))
-    left = {s.id: s.room for s in d.screening if s.room is not None}
+    left = [(s.room, s) for s in d.screening if s.room is not None]
     if left and d.verdict != "unexplained":  # given a model that is wrong it bounds nothing
-        widest = max(left, key=lambda id: left[id])
-        yield Room(d.named, widest, left[widest], len(left), len({s.id for s in d.screening} - {*d.named, *idle}))
+        share, widest = max(left, key=lambda one: one[0])
+        others = {s.id for s in d.screening} - {*d.named, *idle}
+        yield Room(d.named, widest.id, share, len(left), len(others), widest.room_at)
 
 
 def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> Iterator[Statement]:

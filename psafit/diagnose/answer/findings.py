@@ -8,11 +8,11 @@ from typing import Literal
 
 from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.misfit import ALPHA, Character, Objection, Statistic, described
-from psafit.diagnose.record import Broken, Counted, ParameterResult, Reading
+from psafit.diagnose.record import Broken, Condition, Counted, ParameterResult, Reading
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
-from psafit.model_search.model_set import LookedAt
+from psafit.model_search.model_set import CREDIBLE, LookedAt
 from psafit.physics import owner
 from psafit.text import p_text, significant
 
@@ -110,13 +110,21 @@ class Judged(Statement):
 
 @dataclass(frozen=True)
 class NothingShows(Statement):
-    """No cause is needed; which sets are not excluded, with their probabilities."""
+    """No cause is needed; which sets are not excluded, with their probabilities and what no cause `keeps`."""
 
     topic = "wrong"
     not_excluded: list[tuple[list[str], float]]
+    keeps: float = 1.0
 
     def say(self, words: Words) -> str:
         others = [words.put("{} ({})", words.causes(ids), words.per_cent(p)) for ids, p in self.not_excluded]
+        if likelier := [text for text, (_, p) in zip(others, self.not_excluded, strict=True) if p > self.keeps]:
+            return words.put(
+                "Whether a cause is needed stays open: more probable than none ({}) {} {}. A set is named that has {}"
+                " of what the catalogue's sets have together.",
+                words.per_cent(self.keeps), "is" if len(likelier) == 1 else "are", words.listed(likelier),
+                words.per_cent(CREDIBLE),
+            )  # fmt: skip
         text = "No cause is needed to explain these readings."
         return words.put(text + " Nor can they exclude {}.", words.listed(others)) if others else text
 
@@ -197,7 +205,8 @@ class Named(Statement):
         if self.verdict == "explained":
             how = "{} explains the misfit; the tests find nothing left of it, and {} does as well.{}"
             if not self.rejected:
-                how = "{} fits far better, and {} does as well; the tests alone would not have objected.{}"
+                how = "{} is far more probable than no cause, and {} does as well.{} The tests alone would not have"
+                how += " objected to the baseline: this name rests on odds and priors."
             return words.put(how, what, other, rest)
         if self.verdict == "unexplained" and self.left == "values":
             how = "{} takes up what is wrong, and {} does as well, but at values that are implausible: that is the"
@@ -321,6 +330,13 @@ class BreaksLaw(Statement):
         )  # fmt: skip
 
 
+def _place(at: Condition, words: Words) -> str:
+    """Where a reading was taken: its group and condition, along a trace also when."""
+    when = "" if at.time_us is None else f", {at.time_us:.4g} us"
+    condition = words.number(f"{at.frequency_hz:.6g} Hz, {at.amplitude_v:.4g} V{when}")
+    return words.put("{}, {}", words.groups([at.group]), condition)
+
+
 @dataclass(frozen=True)
 class Furthest(Statement):
     """The readings furthest from a model, how many are beyond four standard deviations, and the scatter's tails.
@@ -337,8 +353,7 @@ class Furthest(Statement):
     def say(self, words: Words) -> str:
         far = (
             words.put(
-                "{}, {} ({} read{}, {} predicted)", words.groups([r.group]),
-                words.number(f"{r.frequency_hz:.6g} Hz, {r.amplitude_v:.4g} V"),
+                "{} ({} read{}, {} predicted)", _place(r, words),
                 words.number(f"{significant(r.reading_um)} {r.unit}"),
                 words.put(", {} {} when repeated", words.joined(", ", map(significant, r.repeats)), r.unit)
                 if r.repeats
@@ -439,12 +454,14 @@ class Room(Statement):
     share: float
     bounded: int
     of: int
+    place: Condition | None = None
     least: float = 0.001
 
     def say(self, words: Words) -> str:
+        where = _place(self.place, words) if self.place else ""
         return words.put(
-            "The most that these readings leave to a further cause: {} changes a reading by up to {} (95 % limit),"
+            "The most that these readings leave to a further cause: {} changes a reading{} by up to {} (95 % limit),"
             " added to {} and refitted. Of {} causes {} could be bounded.",
-            words.cause(self.cause), words.fraction(max(self.share, self.least)), words.causes(self.adopted),
-            self.of, self.bounded,
+            words.cause(self.cause), words.put(" ({})", where) if where else "",
+            words.fraction(max(self.share, self.least)), words.causes(self.adopted), self.of, self.bounded,
         )  # fmt: skip

@@ -78,6 +78,19 @@ class Drafted(Statement):
 
 
 @dataclass(frozen=True)
+class CheckFirst(Statement):
+    """What no search can find, to be looked at where nothing explains the readings."""
+
+    topic = "next"
+
+    def say(self, words: Words) -> str:
+        return words.put(
+            "Check first what psafit takes as given: the waveform, how volts are counted, bias and idle voltage, units,"
+            " and the rig's constants."
+        )
+
+
+@dataclass(frozen=True)
 class Next(Statement):
     """What to measure next; `more` where a quick diagnosis has not looked at all sets that are tied."""
 
@@ -95,7 +108,9 @@ class Next(Statement):
                 lead = f"{fixed(first.separation, 1)} +- {fixed(first.error, 1)} nats"
             by = words.number(lead)
         else:
-            by = words.put("whose uncertainty falls by {}", words.per_cent(-math.expm1(-first.separation)))
+            by = words.put(
+                "whose standard deviation falls by at least {}", words.per_cent(-math.expm1(-first.separation))
+            )
         if self.found.recommended:
             does = "{}: it best {}, with an expected lead of {}." if self.found.separates else "{}: it best {}, {}."
             rest = " The other sets are not looked at: without --quick the four likeliest are."

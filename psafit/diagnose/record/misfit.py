@@ -46,15 +46,35 @@ class Where:
 
 
 @dataclass(frozen=True)
-class Reading:
-    """One reading far from a model.
+class Condition:
+    """Where a reading was taken.
 
     Parameters
     ----------
     group : group id
     number : int
         In the group, from 0.
-    frequency_hz, amplitude_v, reading_um, predicted_um : float
+    frequency_hz, amplitude_v : float
+    time_us : float, optional
+        Of a sample of a trace, from the start of the drive.
+    """
+
+    group: GroupId
+    number: int
+    frequency_hz: float
+    amplitude_v: float
+    time_us: float | None = field(default=None, metadata=ABSENT, kw_only=True)
+
+
+@dataclass(frozen=True)
+class Reading(Condition):
+    """One reading far from a model.
+
+    Parameters
+    ----------
+    group, number, frequency_hz, amplitude_v, time_us
+        As of `Condition`.
+    reading_um, predicted_um : float
         In the unit of another observable than the launch range where `observable` names one.
     score : float
         In standard deviations of the scatter.
@@ -64,10 +84,6 @@ class Reading:
         Other readings of the group at the same condition, in that unit; left out where there are none.
     """
 
-    group: GroupId
-    number: int
-    frequency_hz: float
-    amplitude_v: float
     reading_um: float
     predicted_um: float
     score: float

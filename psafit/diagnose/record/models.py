@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+from psafit.diagnose.record.misfit import Condition
 from psafit.diagnose.show import Corner, Drift, Growth, Line
 from psafit.experiment import GroupId
 from psafit.inference.samplers.nautilus import NestedEvidence
@@ -178,6 +179,8 @@ class ScreeningResult:
         `psafit.diagnose.room`. None where it is not known, as given a model that does not explain the readings.
     left : float or None
         What they leave it of an effect (95 %), measured as `visible` is.
+    room_at : Condition, optional
+        The reading that may change so.
     """
 
     id: str
@@ -193,6 +196,7 @@ class ScreeningResult:
     plausible: float = math.nan
     room: float | None = None
     left: float | None = None
+    room_at: Condition | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True)
