@@ -19,12 +19,15 @@ from psafit.compare import known
 from psafit.diagnose import diagnose
 from psafit.diagnose.record import RESULT, CauseResult, Diagnosis
 from psafit.errors import InputError
-from psafit.experiment import Experiment, GroupId
+from psafit.experiment import Experiment, Group, GroupId
+from psafit.experiment.records import CONDITION_COLUMNS
+from psafit.experiment.trace_table import TIME
 from psafit.files import ensure_writable, usual_fit_folder, usual_folder
 from psafit.inference.identify import describe
 from psafit.inference.run import fit
 from psafit.inference.run_folder import Run
 from psafit.inference.samplers import USUAL
+from psafit.observables import LAUNCH_RANGE
 from psafit.physics import terms as catalogue
 from psafit.prior_check import read
 from psafit.progress import watcher
@@ -32,7 +35,7 @@ from psafit.records import Validation, read_json
 from psafit.report import notebook
 from psafit.report.notebook import Axes
 from psafit.text import significant
-from psafit.validate import COLUMNS, Prediction, prediction_rows, timed, validate
+from psafit.validate import Prediction, columns_of, prediction_rows, validate
 
 
 class _Shown:
@@ -61,18 +64,23 @@ class Rig(_Shown):
 
     @property
     def data(self) -> pd.DataFrame:
-        """The readings, one a row."""
-        return pd.concat(
+        """The readings, one a row: each observable in a column of its own, NaN in the others.
+
+        Where there are traces, `time_us` is the time of their samples.
+        """
+        table = pd.concat(
             [
                 pd.DataFrame({
                     "group": g.id, "waveform": g.waveform, "frequency_hz": g.frequency_hz,
-                    "amplitude_v": g.amplitude_v, g.observable.column: g.reading,
+                    "amplitude_v": g.amplitude_v, "time_us": math.nan if g.time_us is None else g.time_us,
+                    g.observable.column: g.reading,
                 })
                 for whole in self.experiment.groups
                 for g in whole.parts
             ],
             ignore_index=True,
         )  # fmt: skip
+        return table.dropna(axis="columns", how="all")  # times, where there are no traces
 
     def fit(
         self,
@@ -172,17 +180,30 @@ class Rig(_Shown):
             )  # fmt: skip
         return Diagnosed(record, self.experiment, folder)
 
-    def plot(self, group: GroupId, ax: Axes | None = None) -> Axes:
-        """Draw the readings of a group."""
-        return notebook.plot_group(self.experiment.group(group), (), ax)
+    def plot(self, group: GroupId, ax: Axes | None = None, *, observable: str | None = None) -> Axes:
+        """Draw the readings of a group, of one observable.
+
+        Parameters
+        ----------
+        group : group id
+        ax : Axes, optional
+            New ones by default.
+        observable : str, optional
+            What was read, such as ``"launch_speed"``; the group's first by default.
+        """
+        return notebook.plot_group(_part(self.experiment, group, observable), (), ax)
 
     def _summary_parts(self) -> tuple[str, list[pd.DataFrame]]:
         rows = [
-            [str(g.id), g.drive.label, g.n_points, *(_span(x) for x in (g.frequency_hz, g.amplitude_v, g.reading))]
+            {
+                "group": str(g.id), "waveform": g.drive.label, "readings": g.n_points,
+                "frequency (Hz)": _span(g.frequency_hz), "amplitude (V)": _span(g.amplitude_v),
+                "time (us)": math.nan if g.time_us is None else _span(g.time_us),
+                **{f"{part.observable.title} ({part.observable.unit})": _span(part.reading) for part in g.parts},
+            }
             for g in self.experiment.groups
-        ]
-        columns = ["group", "waveform", "readings", "frequency (Hz)", "amplitude (V)", "launch range (um)"]
-        return self.experiment.title, [pd.DataFrame(rows, columns=columns).set_index("group")]
+        ]  # fmt: skip
+        return self.experiment.title, [pd.DataFrame(rows).set_index("group").dropna(axis="columns", how="all")]
 
 
 class Fitted(_Shown):
@@ -212,26 +233,54 @@ class Fitted(_Shown):
 
     @property
     def scores(self) -> pd.DataFrame:
-        """How well each group is predicted: see `psafit.records.GroupScore`."""
-        return pd.DataFrame(self._validated[0].groups).set_index("group")
+        """How well each group is predicted: see `psafit.records.GroupScore`.
+
+        Where not all readings are launch ranges, `observable` and `unit` say of every row what it scores.
+        """
+        table = pd.DataFrame(self._validated[0].groups).set_index("group")
+        if self._only_ranges:
+            return table
+        return table.fillna({"observable": LAUNCH_RANGE.name, "unit": LAUNCH_RANGE.unit})
+
+    @property
+    def _only_ranges(self) -> bool:
+        return all(s.observable is None for s in self._validated[0].groups)
 
     @property
     def predictions(self) -> pd.DataFrame:
-        """Posterior median and 90 % predictive interval of every reading."""
-        return pd.concat(
-            [
-                pd.DataFrame(
-                    prediction_rows(p.group, p.median, p.lower, p.upper, p.role),
-                    columns=list(timed(COLUMNS, p.group.observable)),
-                )
-                for p in self._validated[1]
-            ],
-            ignore_index=True,
-        )
+        """Posterior median and 90 % predictive interval of every reading.
 
-    def plot(self, group: GroupId | None = None, ax: Axes | None = None) -> Axes:
-        """Draw a group's readings and prediction; without a group, how far off the prediction is in each."""
-        chosen = None if group is None else self.run.problem.experiment.group(group)
+        The columns are those of `predictions.csv`, where all readings are of one observable: `launch_range_um`,
+        `predicted_um` and so on. Where several were read, `observable` and `unit` say of each row what it holds, and
+        `measured`, `predicted`, `lower` and `upper` are in that unit. Traces have `time_us`, NaN in other rows.
+        """
+        tables = []
+        for p in self._validated[1]:
+            rows = prediction_rows(p.group, p.median, p.lower, p.upper, p.role)
+            tables.append(pd.DataFrame(rows, columns=list(columns_of(p.group.observable))))
+        read = [p.group.observable for p in self._validated[1]]
+        if len(set(read)) == 1:
+            return pd.concat(tables, ignore_index=True)
+        values = ["measured", "predicted", "lower", "upper"]
+        for o, table in zip(read, tables, strict=True):
+            table.columns = [*table.columns[:-5], *values, "role"]
+            table["observable"], table["unit"] = o.name, o.unit
+        found = pd.concat(tables, ignore_index=True)
+        order = ["group", "waveform", *CONDITION_COLUMNS, TIME, "observable", "unit", *values, "role"]
+        return found[[name for name in order if name in found]]
+
+    def plot(self, group: GroupId | None = None, ax: Axes | None = None, *, observable: str | None = None) -> Axes:
+        """Draw a group's readings and prediction; without a group, how far off the prediction is in each.
+
+        Parameters
+        ----------
+        group : group id, optional
+        ax : Axes, optional
+            New ones by default.
+        observable : str, optional
+            What was read, such as ``"launch_speed"``; the group's first by default.
+        """
+        chosen = None if group is None else _part(self.run.problem.experiment, group, observable)
         return notebook.plot_fit(*self._validated, chosen, ax)
 
     def report(self) -> Path:
@@ -248,7 +297,8 @@ class Fitted(_Shown):
         groups = f"group{'s' * (len(record.groups) > 1)} {', '.join(str(g) for g in record.groups)}"
         headline = f"{model}, fitted to {groups} of {record.title}: {unseen}"
         state = "" if self.run.summary.converged else f"; {self.run.summary.message}"
-        scores = self.scores[["role", "n_points", "log_rmse", "coverage_90", "size"]]
+        read = [] if self._only_ranges else ["observable"]
+        scores = self.scores[[*read, "role", "n_points", "log_rmse", "coverage_90", "size"]]
         scores = scores.rename(columns={"size": "verdict"})
         # The name is the row's.
         rows = [
@@ -359,9 +409,18 @@ class Diagnosed(_Shown):
             raise InputError(f"no model {' + '.join(ids) or 'baseline'}", "choose one of `causes`")
         return found
 
-    def plot(self, group: GroupId | None = None, ax: Axes | None = None) -> Axes:
-        """Draw a group's readings and both models; without a group, how far off they are in each."""
-        chosen = None if group is None else self.experiment.group(group)
+    def plot(self, group: GroupId | None = None, ax: Axes | None = None, *, observable: str | None = None) -> Axes:
+        """Draw a group's readings and both models; without a group, how far off they are in each.
+
+        Parameters
+        ----------
+        group : group id, optional
+        ax : Axes, optional
+            New ones by default.
+        observable : str, optional
+            What was read, such as ``"launch_speed"``; the group's first by default.
+        """
+        chosen = None if group is None else _part(self.experiment, group, observable)
         return notebook.plot_diagnosis(self.record, self.experiment, self.folder, chosen, ax)
 
     def report(self) -> Path:
@@ -395,6 +454,15 @@ def _sizes(cause: CauseResult) -> Iterator[tuple[str, str]]:
 
 def _listed(given: GroupId | Sequence[GroupId]) -> list[GroupId]:
     return [given] if isinstance(given, str | int) else list(given)
+
+
+def _part(experiment: Experiment, group: GroupId, observable: str | None) -> Group:
+    """The readings of a group that are of one observable; of its first where none is named."""
+    parts = {part.observable.name: part for part in experiment.group(group).parts}
+    name = next(iter(parts)) if observable is None else observable
+    if name not in parts:
+        raise InputError(f"group {group} has no {name}", f"choose {' or '.join(parts)}")
+    return parts[name]
 
 
 def _span(values: NDArray[np.float64]) -> str:

@@ -12,6 +12,7 @@ from psafit.inference.problem import Problem
 from psafit.inference.run_folder import Run
 from psafit.inference.samplers import USUAL
 from psafit.inference.store import Draws
+from psafit.observables import CONTACT_TIME, LAUNCH_RANGE, LAUNCH_SPEED, OBSERVABLES, VELOCITY
 from psafit.records import (
     Fit,
     ImportanceEntry,
@@ -56,6 +57,24 @@ def sweep_groups():
     )
 
 
+def mixed_groups():
+    """Two sweeps of five launches read in ranges, speeds and contact times, and the velocity along one launch."""
+    kinds = np.repeat([OBSERVABLES.index(o) for o in (LAUNCH_RANGE, LAUNCH_SPEED, CONTACT_TIME)], 5)
+    f = np.tile(np.geomspace(800.0, 3000.0, 5), 3)
+    readings = [np.linspace(30.0, 20.0, 5), np.linspace(0.3, 0.2, 5), np.linspace(400.0, 150.0, 5)]
+    row, v = np.tile(np.arange(5), 3), np.full(15, 20.0)
+
+    def sweep(group_id, factor):
+        y = factor * np.concatenate(readings)
+        return Group(group_id, "sine", f"{group_id}.csv", f, v, y, measured=kinds.astype(np.int8), row=row)
+
+    t = np.linspace(0.0, 110.0, 12)
+    velocity = np.full(12, OBSERVABLES.index(VELOCITY), np.int8)
+    trace = Group("trace", "square", "t.csv", np.full(12, 1200.0), np.full(12, 20.0), 0.1 * t - 0.5, measured=velocity,
+                  time_us=t)  # fmt: skip
+    return sweep(1, 1.0), trace, sweep(2, 1.1)
+
+
 def make_run(
     folder: Path, groups=None, fitted=(1,), *, title="Made-up rig", source="nowhere", converged=True, n_chains=6
 ) -> Run:
@@ -70,6 +89,7 @@ def make_run(
     values = problem.to_physical(middle + 0.2 * rng.standard_normal((n_chains, 40, problem.n_dim)))
     draws = Draws(problem.names, values, np.zeros(values.shape[:2]), "ab" * 32)
     verdicts = ["determined", "determined", "bounded above", "determined", "not determined", "not determined"]
+    verdicts += ["determined"] * (problem.n_dim - len(verdicts))
     summaries = []
     for i, p in enumerate(problem.parameters):
         low, median, high = (float(q) for q in np.quantile(draws.flat[:, i], [0.05, 0.5, 0.95]))

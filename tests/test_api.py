@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 from diagnoses_by_hand import make_record
+from fits_by_hand import make_run, mixed_groups
 from reader import HOSTILE
 from test_architecture import HEAVY
 
 import psafit
-from psafit.api import Diagnosed, Rig
+from psafit.api import Diagnosed, Fitted, Rig
 from psafit.errors import InputError
 from psafit.experiment import Experiment
 
@@ -58,6 +59,77 @@ def test_a_fit_in_a_notebook(fitted: tuple[Path, Path]) -> None:
     with pytest.raises(InputError, match="there is no group"):
         one.plot(9, ax)
     assert one.report() == fitted[0] / "report.html"
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> Fitted:
+    """A fit to ranges, speeds and contact times of one sweep and a trace; another such sweep was held out."""
+    return Fitted(make_run(tmp_path_factory.mktemp("mixed"), mixed_groups(), (1, "trace")))
+
+
+def test_readings_of_several_observables_are_in_columns_of_their_own(mixed: Fitted) -> None:
+    rig = Rig(mixed.run.problem.experiment)
+    data = rig.data
+    assert list(data.columns[4:]) == [
+        "time_us", "launch_range_um", "launch_speed_mm_s", "contact_time_us", "velocity_mm_s",
+    ]  # fmt: skip
+    counts = data.count()[["time_us", "launch_range_um", "launch_speed_mm_s", "contact_time_us", "velocity_mm_s"]]
+    assert counts.tolist() == [12, 10, 10, 10, 12]
+    shown = rig._summary_parts()[1][0]
+    assert shown.loc["1", ["launch range (um)", "launch speed (mm/s)", "contact time (us)"]].tolist() == [
+        "20 to 30", "0.2 to 0.3", "150 to 400",
+    ]  # fmt: skip
+    assert shown.loc["trace", ["time (us)", "velocity (mm/s)"]].tolist() == ["0 to 110", "-0.5 to 10.5"]
+    assert shown.loc["trace", ["launch range (um)"]].isna().all() and "NaN" not in repr(rig)
+
+
+def test_a_picture_shows_one_observable(mixed: Fitted) -> None:
+    rig = Rig(mixed.run.problem.experiment)
+    for view in (rig, mixed):
+        for asked, label in (
+            (None, "Launch range (µm)"),
+            ("launch_speed", "Launch speed (mm/s)"),
+            ("contact_time", "Contact time (µs)"),
+        ):
+            ax = view.plot(1, observable=asked)
+            assert ax.get_ylabel() == label and max(len(line.get_xdata()) for line in ax.lines) == 5
+        assert view.plot("trace").get_ylabel() == "Velocity (mm/s)"
+        with pytest.raises(InputError, match="group 1 has no velocity; choose launch_range or launch_speed or contact"):
+            view.plot(1, observable="velocity")
+
+
+def test_a_diagnosis_shows_one_observable(mixed: Fitted, tmp_path: Path) -> None:
+    experiment = mixed.run.problem.experiment
+    found = Diagnosed(make_record(experiment), experiment, tmp_path)
+    ax = found.plot(1, observable="launch_speed")
+    assert ax.get_ylabel() == "Launch speed (mm/s)" and len(ax.lines[0].get_xdata()) == 5
+    assert found.plot(1).get_ylabel() == "Launch range (µm)"
+
+
+def test_predictions_of_several_observables_say_what_they_are(mixed: Fitted) -> None:
+    table = mixed.predictions
+    assert list(table.columns) == [
+        "group", "waveform", "frequency_hz", "amplitude_v", "time_us", "observable", "unit", "measured", "predicted",
+        "lower", "upper", "role",
+    ]  # fmt: skip
+    assert table.value_counts(["observable", "unit"]).to_dict() == {
+        ("launch_range", "um"): 10, ("launch_speed", "mm/s"): 10, ("contact_time", "us"): 10, ("velocity", "mm/s"): 12,
+    }  # fmt: skip
+    group = mixed.run.problem.experiment.group(1)
+    speeds = table[(table["group"] == 1) & (table["observable"] == "launch_speed")]
+    assert speeds["measured"].tolist() == group.parts[1].reading.tolist() and speeds["time_us"].isna().all()
+    assert (table["lower"] <= table["predicted"]).all() and table["time_us"].count() == 12
+    scores = mixed.scores
+    assert scores.loc[1, "observable"].tolist() == ["launch_range", "launch_speed", "contact_time"]
+    assert scores.loc[1, "unit"].tolist() == ["um", "mm/s", "us"] and "contact_time" in repr(mixed)
+
+
+def test_predictions_of_one_observable_are_as_in_its_file(mixed: Fitted, tmp_path: Path) -> None:
+    for k, columns in ((0, ["launch_range_um", "predicted_um"]), (1, ["launch_speed_mm_s", "predicted_mm_s"])):
+        groups = [mixed.run.problem.experiment.group(id).parts[k] for id in (1, 2)]
+        one = Fitted(make_run(tmp_path / str(k), groups, (1,)))
+        assert list(one.predictions.columns[4:6]) == columns and "observable" not in one.predictions
+        assert ("launch_speed" in repr(one)) == (k == 1) and "time_us" not in Rig(one.run.problem.experiment).data
 
 
 def test_the_notebook_uses_the_command_line_s_folders(known: Experiment, monkeypatch) -> None:  # type: ignore[no-untyped-def]

@@ -53,7 +53,7 @@ def _axes(ax: Axes | None) -> Axes:
 
 
 def plot_group(group: Group, curves: Sequence[figures.Curve], ax: Axes | None, role: str | None = None) -> Axes:
-    """A group's readings and what models say of them."""
+    """A group's readings, of one observable, and what models say of them."""
     sweep = figures.sweep_of(group)
     with figure_style():
         ax = _axes(ax)
@@ -73,20 +73,20 @@ def _plot_factors(rows: Sequence[figures.Row], ax: Axes | None) -> Axes:
 
 
 def plot_fit(validation: Validation, predictions: Sequence[Prediction], group: Group | None, ax: Axes | None) -> Axes:
-    """A group's prediction; without a group, the error in each."""
+    """The prediction of a group's readings, of one observable; without a group, the error in each."""
     shown = fit_pictures.shown_groups(validation, predictions)
     if group is None:
         return _plot_factors(fit_pictures.factor_rows(shown), ax)
-    g = next(g for g in shown if g.prediction.group.id == group.id)
+    g = next(g for g in shown if g.prediction.group.label == group.label)
     return plot_group(g.prediction.group, g.curves, ax, g.score.role)
 
 
 def plot_diagnosis(
     record: Diagnosis, experiment: Experiment, folder: Path, group: Group | None, ax: Axes | None
 ) -> Axes:
-    """Both models of a group; without a group, their error in each."""
+    """Both models of a group's readings, of one observable; without a group, their error in each."""
     shown = shown_groups(record, experiment, folder)
     if group is None:
         return _plot_factors(overview.factor_rows(shown), ax)
-    found = next(g for g in shown if g.group.id == group.id)
+    found = next(g for g in shown if g.group.label == group.label)
     return plot_group(found.group, found.curves, ax)
