@@ -1,4 +1,4 @@
-"""`psafit simulate`: ranges of a model at conditions measured or planned, as a table, a picture or an experiment."""
+"""`psafit simulate`: readings of a model at conditions measured or planned, as a table, a picture or an experiment."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".svg", ".pdf")
 
 
-@click.command(cls=Command, short_help="Simulate the launch ranges of an experiment or a plan.")
+@click.command(cls=Command, short_help="Simulate the readings of an experiment or a plan.")
 @EXPERIMENT
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter in SI units; repeat.")
 @click.option("--terms", "ids", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
@@ -44,7 +44,12 @@ PICTURES = (".png", ".svg", ".pdf")
 @click.option(
     "--out", type=Place("file"), help="CSV file; by default standard output, unless something else is asked for."
 )
-@click.option("--plot", type=Place("file"), metavar="FILE", help="Draw every group: .png, .svg or .pdf.")
+@click.option(
+    "--plot",
+    type=Place("file"),
+    metavar="FILE",
+    help="Draw every group, a panel for each observable: .png, .svg or .pdf.",
+)
 @click.option("--readings", type=Place("folder"), metavar="EXP", help="A new experiment folder with these readings.")
 @click.option("--seed", type=click.IntRange(0, LARGEST_SEED), help="Scatter those readings, drawn from it.")
 @PLUGIN
@@ -62,7 +67,7 @@ def simulate(
     quiet: bool,
     json_file: Path | None,
 ) -> int:
-    """Simulate the launch ranges at an experiment's conditions, measured or planned: EXP needs no readings.
+    """Simulate what is read at an experiment's conditions, measured or planned: EXP needs no readings.
 
     What neither --set nor --run gives has the median of its prior; the strength of a cause must be given. With
     --readings they become an experiment that can be diagnosed: exact or, with --seed, with scatter (--set sigma_rel,
@@ -104,13 +109,12 @@ def simulate(
     design = Design.of(plan.constants, groups)
     result = simulate_batch(design, np.array(model), chosen)
     predicted = readings_of(design, np.array(model), chosen)[0]
-    pictured = [g.parts[0] for g in groups]
     if plot is not None:  # of every model before anything is written: one may be refused
         models = [(chosen, model)]
         if tied:  # they differ by what they are, not by what a session happens to have
             each = ((t, of_sessions(plan, t, medians, known, quiet=True)) for t, medians in ((chosen, first[1]), *tied))
             models = [(t, list(completed(plan, t, own, {}).values())) for t, own in each]
-        curves = _curves(plan, pictured, models, _apart([t for t, _ in models]) if tied else ["simulated"])
+        curves = _curves(plan, groups, models, _apart([t for t, _ in models]) if tied else ["simulated"])
     text = _table(groups, predicted, ends)
     if out is not None:
         write_atomically(out, text.encode())
@@ -124,7 +128,7 @@ def simulate(
     if plot is not None:
         from psafit.report.simulated import write_picture
 
-        write_picture(pictured, curves, plot)
+        write_picture(groups, curves, plot)
         if not quiet:
             click.echo(f"picture: {shown_path(plot)}")
     content = {"terms": [t.id for t in chosen], "parameters": theta, "engine": result.engine}

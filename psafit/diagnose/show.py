@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,8 @@ from psafit.diagnose.residuals import conditions, in_session, sweeps
 from psafit.experiment import GroupId, by_group, read_as
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
+from psafit.observables import LAUNCH_RANGE
+from psafit.records import ABSENT
 from psafit.validate import without_each
 
 
@@ -64,9 +66,12 @@ class Line:
     Parameters
     ----------
     group : group id
+    observable : str, optional
+        What is read, by its name; left out for the launch range.
     at : list of float, Hz, V or us
         Ascending.
     um : list of float
+        In the unit of the observable.
     without_um : dict of str to list of float
         By cause: without it, all else left as it is.
     """
@@ -75,6 +80,12 @@ class Line:
     at: list[float]
     um: list[float]
     without_um: dict[str, list[float]]
+    observable: str | None = field(default=None, metadata=ABSENT)
+
+    @property
+    def of(self) -> tuple[str, str]:
+        """Which sweep it is: the group's id, and the name of what is read."""
+        return str(self.group), self.observable or LAUNCH_RANGE.name
 
 
 def lines(candidate: Candidate) -> list[Line]:
@@ -84,16 +95,16 @@ def lines(candidate: Candidate) -> list[Line]:
     n_points = sum(g.n_points for g in groups)
     finer = replace(problem, experiment=replace(problem.experiment, groups=read_as(groups, np.zeros(n_points))))
     each = {id: by_group(groups, um) for id, um in without_each(finer, top, finer.group_ids).items()}
-    return [
-        Line(
-            g.id,
-            g.along.tolist(),
-            um.tolist(),
-            {id: without[k].tolist() for id, without in each.items()},
-        )
-        for k, (g, um) in enumerate(zip(groups, by_group(groups, finer.predict(top)[0]), strict=True))
-        if g.along is not None
-    ]
+    found = []
+    for k, (whole, um) in enumerate(zip(groups, by_group(groups, finer.predict(top)[0]), strict=True)):
+        for g in whole.parts:
+            if g.along is None:
+                continue
+            here = whole.measured == g.measured[0]
+            without = {id: values[k][here].tolist() for id, values in each.items()}
+            name = None if g.observable is LAUNCH_RANGE else g.observable.name
+            found.append(Line(g.id, g.along.tolist(), um[here].tolist(), without, name))
+    return found
 
 
 @dataclass(frozen=True)

@@ -210,8 +210,14 @@ class Conditions:
     def filled(self) -> Conditions:
         """The sweep with conditions between its own, ascending, to draw a curve through; as it is if it is none.
 
-        A trace is a curve already.
+        A trace is a curve already. Of several observables, each has its own conditions.
         """
+        if len(self.parts) > 1:
+            each = [part.filled() for part in self.parts]
+            f, v, measured = (
+                np.concatenate([getattr(p, name) for p in each]) for name in (*CONDITION_COLUMNS, "measured")
+            )
+            return Conditions(self.id, self.drive, self.file, f, v, changed=self.changed, measured=measured)
         if self.along is None or self.time_us is not None:
             return self
         f, v = self.frequency_hz, self.amplitude_v

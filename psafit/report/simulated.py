@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.experiment import Conditions, by_group
 from psafit.files import write_atomically
 from psafit.report import figures
@@ -19,29 +19,34 @@ from psafit.report.style import figure_style
 _COLORS: Final = ("vermillion", "blue", "green", "purple")
 
 
-def write_picture(
-    groups: Sequence[Conditions], predicted_um: Mapping[str, Sequence[NDArray[np.float64]]], path: Path
-) -> None:
-    """Draw each group's launch ranges, simulated, and measured where it was.
+def write_picture(groups: Sequence[Conditions], predicted: Mapping[str, Sequence[FloatArray]], path: Path) -> None:
+    """Draw each group's readings, simulated, and measured where it was: a panel for each observable.
 
     Parameters
     ----------
     groups : sequence of Conditions
-    predicted_um : mapping of pairs of arrays, um
+    predicted : mapping of pairs of arrays
         By the name of a model, one group after the other: at the groups' conditions, and at those of the groups
-        `filled`.
+        `filled`; each reading in the unit of its observable.
     path : Path
         Its ending says what kind of picture: .png, .svg or .pdf.
     """
     filled = [g.filled() for g in groups]
-    curves: list[list[figures.Curve]] = [[] for _ in groups]
-    for k, (name, (at_readings, between)) in enumerate(predicted_um.items()):
+    parts, finer = ([part for g in whole for part in g.parts] for whole in (groups, filled))
+    curves: list[list[figures.Curve]] = [[] for _ in parts]
+    for k, (name, (at_readings, between)) in enumerate(predicted.items()):
         color, dashed = _COLORS[k % len(_COLORS)], k % 2 == 1
-        parts = zip(filled, by_group(groups, at_readings), by_group(filled, between), strict=True)
-        for drawn, (g, middle, line) in zip(curves, parts, strict=True):
+        values = zip(finer, _by_part(groups, at_readings), _by_part(filled, between), strict=True)
+        for drawn, (g, middle, line) in zip(curves, values, strict=True):
             smooth = None if g.along is None else (g.along, line)
             drawn.append(figures.Curve(name, color, middle, dashed=dashed, line=smooth))
-    save(figures.groups_figure(groups, [figures.sweep_of(g) for g in groups], curves), path)
+    save(figures.groups_figure(parts, [figures.sweep_of(g) for g in parts], curves), path)
+
+
+def _by_part(groups: Sequence[Conditions], values: FloatArray) -> list[FloatArray]:
+    """Values, (n_points,), one group after the other, as one array for each of the groups' `parts`."""
+    each = zip(groups, by_group(groups, values), strict=True)
+    return [own[g.measured == kind] for g, own in each for kind in np.unique(g.measured)]
 
 
 def save(figure: Figure, path: Path, dpi: int = 200) -> None:

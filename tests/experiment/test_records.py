@@ -33,6 +33,17 @@ def test_a_sweep_is_filled_between_its_conditions() -> None:
         assert one.filled() is one
 
 
+def test_each_observable_of_a_sweep_is_filled_between_its_own_conditions() -> None:
+    f, kinds = np.array([100.0, 1000.0, 100.0, 400.0, 700.0, 900.0]), np.array([0, 0, 1, 1, 1, 2], np.int8)
+    parts = Conditions(1, "sine", "a.csv", f, np.full(6, 20.0), measured=kinds).filled().parts
+    alone = [
+        Conditions(1, "sine", "a.csv", f[kinds == k], np.full((kinds == k).sum(), 20.0)).filled() for k in range(3)
+    ]
+    assert [p.frequency_hz.tolist() for p in parts] == [a.frequency_hz.tolist() for a in alone]
+    assert [p.observable.name for p in parts] == ["launch_range", "launch_speed", "contact_time"]
+    assert [p.n_points for p in parts] == [9, 17, 1]
+
+
 def test_records_cannot_be_changed(tmp_path: Path) -> None:
     experiment = read_experiment(write(tmp_path))
     with pytest.raises(FrozenInstanceError):

@@ -6,15 +6,45 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas
 import pytest
 from commands import run
 from diagnoses_by_hand import make_record
+from fits_by_hand import make_run, mixed_groups
+from matplotlib.figure import Figure
 
 from psafit.diagnose.record import ParameterResult
-from psafit.experiment import Experiment
+from psafit.experiment import Experiment, write_experiment
 from psafit.records import write_json
 from psafit.report import simulated
+
+
+def test_a_picture_has_a_panel_for_each_observable(tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    """Each with the readings and the curve of its own, as the table has them; what a session has for itself, too."""
+    write_experiment(make_run(tmp_path, mixed_groups(), (1,)).problem.experiment, tmp_path / "rig")
+    drawn: list[Figure] = []
+    monkeypatch.setattr(simulated, "save", lambda figure, path: drawn.append(figure))
+    words = ("--terms", "reading_gain", "--set", "reading_gain_spread=0.1", "--set", "reading_gain_z_2=1.0")
+    assert run(monkeypatch, "simulate", tmp_path / "rig", *words, "--plot", "x.png", "--out", tmp_path / "x.csv") == 0
+    table = pandas.read_csv(tmp_path / "x.csv")
+    panels = drawn[0].axes
+    seen = [(panel.get_title(loc="left").split(":")[0], panel.get_ylabel()) for panel in panels]
+    launches = ["Launch range (µm)", "Launch speed (mm/s)", "Contact time (µs)"]
+    assert seen == [
+        *(("Group 1", label) for label in launches), ("Group trace", "Velocity (mm/s)"),
+        *(("Group 2", label) for label in launches),
+    ]  # fmt: skip
+    parts = [rows for _, rows in table.groupby(["group", "observable"], sort=False)]
+    assert len(parts) == len(panels) == 7
+    for rows, panel in zip(parts, panels, strict=True):
+        line, circles = panel.lines
+        x = rows["frequency_hz" if rows["time_us"].isna().all() else "time_us"].to_numpy()
+        at = np.interp(x, line.get_xdata(), line.get_ydata())
+        assert at == pytest.approx(rows["predicted"].to_numpy(), rel=1e-9)
+        assert circles.get_ydata() == pytest.approx(rows["measured"].to_numpy())
+    ranges = [rows["predicted"].to_numpy() for rows in parts if rows["observable"].iloc[0] == "launch_range_um"]
+    assert (ranges[0] != ranges[1]).all()
 
 
 def test_a_picture_shows_the_tied_sets(  # type: ignore[no-untyped-def]

@@ -71,12 +71,12 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     extended = result.show.get("extended")
     each = {id: np.asarray(v, dtype=float) for id, v in (extended.without_um if extended else {}).items()}
     without = {id: ranges for id, ranges in each.items() if ranges.size == n}
-    lines = {model: {str(line.group): line for line in show.lines} for model, show in result.show.items()}
+    lines = {model: {line.of: line for line in show.lines} for model, show in result.show.items()}
     starts = np.cumsum([0, *(g.n_points for g in members)])
     found = []
     for whole, group in ((g, part) for g in members for part in g.parts):
         part = starts[members.index(whole)] + np.flatnonzero(whole.measured == group.measured[0])
-        name = group.label
+        name, sweep = group.label, (str(group.id), group.observable.name)
         looks = {model: _LOOKS.get(model, (model, "purple")) for model, values in models.items() if values.size == n}
         last = "extended" if "extended" in looks and result.verdict != "adequate" else "baseline"
         curves = {
@@ -85,7 +85,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
                 models[model][part],
                 _band(adopted.get(name), group.n_points) if model == last else (),
                 dashed=model == "baseline",
-                line=_line(lines[model].get(name)),
+                line=_line(lines[model].get(sweep)),
             )
             for model, look in looks.items()
         }
@@ -93,7 +93,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
         more = [curve for model, curve in curves.items() if model not in _LOOKS]
         if band := _band(unseen.get(name), group.n_points):
             more.append(figures.Curve("extended model without this group", "blue", unseen[name].median, band))
-        finer = {id: _line(lines["extended"].get(name), id) for id in without}
+        finer = {id: _line(lines["extended"].get(sweep), id) for id in without}
         more += figures.without_curves({id: ranges[part] for id, ranges in without.items()}, TITLES, finer)
         errors = [root_mean_square(log_ratio(c.middle, group.reading, *group.observable.metric)) for c in shown]
         found.append(Shown(group, figures.sweep_of(group), shown, errors, more, part))
