@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +24,8 @@ from psafit.experiment.trace_table import TIME
 from psafit.files import encodable, read_error
 from psafit.inference.identify import supported
 from psafit.inference.run_folder import load
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
-from psafit.records import read_json
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable, recorded_name
+from psafit.records import ABSENT, read_json
 from psafit.validate import columns_of, log_ratio, predict, root_mean_square, tables_at, why_uninformative
 
 _MEASURED, _ROLES = (*CONDITION_COLUMNS, "measured", "reading"), ("fit", "holdout")
@@ -52,6 +52,11 @@ class Predicted:
     lower: FloatArray
     upper: FloatArray
     log_density: FloatArray
+
+    @property
+    def key(self) -> tuple[str, str | None]:
+        """Which readings they are: the group's id and what is read."""
+        return str(self.group.id), recorded_name(self.group.observable)
 
 
 @dataclass(frozen=True)
@@ -126,7 +131,10 @@ class ParameterPair:
 
 @dataclass(frozen=True)
 class GroupPair:
-    """How well both predict one group; `elpd_change` is None where a density is not on record."""
+    """How well both predict one group; `elpd_change` is None where a density is not on record.
+
+    `observable` is what is read, by its name; it is left out for the launch range.
+    """
 
     group: GroupId
     roles: list[str]
@@ -137,6 +145,17 @@ class GroupPair:
     coverage_90: list[float]
     elpd_change: float | None
     elpd_interval: list[float] | None
+    observable: str | None = field(default=None, metadata=ABSENT)
+
+    @property
+    def judged(self) -> bool:
+        """Whether the means are over it: it is informative and fitted by neither."""
+        return self.informative and "fit" not in self.roles
+
+    @property
+    def key(self) -> tuple[str, str | None]:
+        """Which readings they are: the group's id and what is read."""
+        return str(self.group), self.observable
 
 
 @dataclass(frozen=True)
@@ -153,7 +172,7 @@ class Comparison:
     apart : list of group ids
         That only one of them has, or that hold other readings.
     judged : list of group ids
-        That the means are over: informative and fitted by neither.
+        That the means are over: see `GroupPair.judged`.
     log_rmse : list of float, optional
         Means over the judged groups, None without any.
     log_rmse_interval : list of float, optional
@@ -293,7 +312,7 @@ def compare(first: Side, second: Side) -> Comparison:
         what = f"{first.name} and {second.name} have no group with the same readings"
         raise InputError(what, "compare results of one experiment")
     rows, redrawn = zip(*(_pair(a, b, seed) for seed, (a, b) in enumerate(pairs)), strict=True)
-    judged = [k for k, row in enumerate(rows) if row.informative and "fit" not in row.roles]
+    judged = [k for k, row in enumerate(rows) if row.judged]
     apart = {t.group.label: t.group.id for t in (*first.predicted, *second.predicted)}
     return Comparison(
         names=[first.name, second.name],
@@ -307,8 +326,8 @@ def compare(first: Side, second: Side) -> Comparison:
             for name in dict.fromkeys([*first.parameters, *second.parameters])
         ],
         groups=list(rows),
-        apart=[id for name, id in apart.items() if name not in common],
-        judged=[rows[k].group for k in judged],
+        apart=list(dict.fromkeys(id for name, id in apart.items() if name not in common)),
+        judged=list(dict.fromkeys(rows[k].group for k in judged)),
         log_rmse=[float(np.mean([rows[k].log_rmse[i] for k in judged])) for i in (0, 1)] if judged else None,
         log_rmse_interval=interval(np.mean([redrawn[k] for k in judged], axis=0)) if judged else None,
     )
@@ -358,6 +377,7 @@ def _pair(a: Predicted, b: Predicted, seed: int) -> tuple[GroupPair, FloatArray]
         coverage_90=[float(np.mean((measured >= t.lower) & (measured <= t.upper))) for t in (a, b)],
         elpd_change=None if math.isnan(gain) else gain,
         elpd_interval=None if math.isnan(gain) else interval(elpd),
+        observable=recorded_name(a.group.observable),
     )
     return pair, rmse
 

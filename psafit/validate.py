@@ -36,7 +36,7 @@ from psafit.inference.candidate import candidate_at
 from psafit.inference.laws import broken
 from psafit.inference.problem import Problem
 from psafit.inference.run_folder import Run
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable, recorded_name
 from psafit.records import GroupScore, Size, Validation, write_json
 from psafit.simulate import Design
 from psafit.simulate import readings as readings_of
@@ -380,7 +380,7 @@ def score(prediction: Prediction) -> GroupScore:
     held, fitted = float(np.mean(inside_90)), prediction.role == "fit"
     return GroupScore(
         group=prediction.group.id,
-        observable=None if read is LAUNCH_RANGE else read.name,
+        observable=recorded_name(read),
         unit=None if read is LAUNCH_RANGE else read.unit,
         role=prediction.role,
         n_points=measured.size,

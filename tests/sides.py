@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from psafit.compare import Estimate, Predicted, Side
-from psafit.experiment import Group
+from psafit.experiment import Group, GroupId
 
 
 def made(name: str, factor: float, *, role: str = "holdout", spread: float = 0.1) -> Side:
@@ -17,6 +19,20 @@ def made(name: str, factor: float, *, role: str = "holdout", spread: float = 0.1
              np.full(30, -factor))
         for id, r in ((1, "fit"), ("two", role))
     ]  # fmt: skip
+    return _side(name, factor, spread, reported)
+
+
+def made_of(name: str, factor: float, groups: Sequence[Group], fitted: GroupId) -> Side:
+    """The same of given groups, of which one was fitted, each observable by itself."""
+    reported = [
+        Predicted(g, "fit" if g.id == fitted else "holdout", factor * g.reading, 0.5 * g.reading, 2 * g.reading,
+             np.full(g.n_points, -factor))
+        for whole in groups for g in whole.parts
+    ]  # fmt: skip
+    return _side(name, factor, 0.1, reported)
+
+
+def _side(name: str, factor: float, spread: float, reported: list[Predicted]) -> Side:
     low, high = np.exp(-spread) * factor, np.exp(spread) * factor
     parameters = {"k_c": Estimate(1e6 * factor, 1e6 * low, 1e6 * high, "N/m", "contact stiffness", "determined")}
     return Side(name, "fit", "Made up", [1], [], {"data": "same", "seed": name}, parameters, reported)

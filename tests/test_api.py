@@ -98,6 +98,15 @@ def test_a_picture_shows_one_observable(mixed: Fitted) -> None:
             view.plot(1, observable="velocity")
 
 
+def test_errors_are_named_by_what_is_read(mixed: Fitted) -> None:
+    names = [tick.get_text() for tick in mixed.plot().get_yticklabels()]
+    assert names[:3] == ["1: launch range, sine", "1: launch speed, sine", "1: contact time, sine"]
+    assert names[3].startswith("trace: velocity, ")
+    experiment = mixed.run.problem.experiment
+    found = Diagnosed(make_record(experiment), experiment, mixed.run.folder)
+    assert len({tick.get_text() for tick in found.plot().get_yticklabels()}) == 7
+
+
 def test_a_diagnosis_shows_one_observable(mixed: Fitted, tmp_path: Path) -> None:
     experiment = mixed.run.problem.experiment
     found = Diagnosed(make_record(experiment), experiment, tmp_path)

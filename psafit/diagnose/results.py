@@ -41,7 +41,7 @@ from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
 from psafit.model_search.model_set import ModelSet
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, recorded_name
 from psafit.parameters import broadened
 from psafit.simulate.sensitivity import plausible
 from psafit.validate import without_each
@@ -217,11 +217,6 @@ def _where(misfit: Misfit) -> list[Where]:
     return found
 
 
-def _named(kind: int) -> str | None:
-    """Name of an observable; none for the launch range."""
-    return None if OBSERVABLES[kind] is LAUNCH_RANGE else OBSERVABLES[kind].name
-
-
 def condition_of(problem: Problem, row: int) -> Condition:
     """Where a row of the design was read."""
     design, (group, number) = problem.design, numbered(problem, row)
@@ -239,7 +234,7 @@ def _furthest(misfit: Misfit, candidate: Candidate, most: int = 3) -> list[Readi
         Reading(
             **vars(condition_of(candidate.problem, int(k))), reading_um=float(observed[k]),
             predicted_um=float(candidate.predicted[k]), score=float(misfit.scores[k]),
-            observable=_named(int(design.measured[k])), repeats=observed[same[same != k]].tolist() or None,
+            observable=recorded_name(OBSERVABLES[int(design.measured[k])]), repeats=observed[same[same != k]].tolist() or None,
         )
         for k in np.argsort(-np.abs(misfit.scores), kind="stable")[:most]
         for same in [np.flatnonzero((conditions == conditions[k]).all(axis=1))]

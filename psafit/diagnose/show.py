@@ -31,7 +31,7 @@ from psafit.diagnose.residuals import conditions, in_session, sweeps
 from psafit.experiment import GroupId, by_group, read_as
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
-from psafit.observables import LAUNCH_RANGE
+from psafit.observables import LAUNCH_RANGE, recorded_name
 from psafit.records import ABSENT
 from psafit.validate import without_each
 
@@ -102,8 +102,7 @@ def lines(candidate: Candidate) -> list[Line]:
                 continue
             here = whole.measured == g.measured[0]
             without = {id: values[k][here].tolist() for id, values in each.items()}
-            name = None if g.observable is LAUNCH_RANGE else g.observable.name
-            found.append(Line(g.id, g.along.tolist(), um[here].tolist(), without, name))
+            found.append(Line(g.id, g.along.tolist(), um[here].tolist(), without, recorded_name(g.observable)))
     return found
 
 

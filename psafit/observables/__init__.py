@@ -18,7 +18,13 @@ OBSERVABLES: tuple[Observable, ...] = (
 OF_LAUNCHES = tuple(o for o in OBSERVABLES if not o.traced)
 """Observables that are read of a launch as a whole."""
 
+
+def recorded_name(observable: Observable) -> str | None:
+    """What records call it: its name, and nothing for the launch range."""
+    return None if observable is LAUNCH_RANGE else observable.name
+
+
 __all__ = [
     "CONTACT_TIME", "DISPLACEMENT", "LAUNCH_RANGE", "LAUNCH_SPEED", "OBSERVABLES", "OF_LAUNCHES", "PEAK_FORCE",
-    "TIP_DISPLACEMENT", "VELOCITY", "Launches", "Motion", "Observable",
+    "TIP_DISPLACEMENT", "VELOCITY", "Launches", "Motion", "Observable", "recorded_name",
 ]  # fmt: skip

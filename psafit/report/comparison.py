@@ -21,6 +21,7 @@ from psafit.report.wording import (
     groups,
     interval,
     listed,
+    names,
     number,
     percent,
     typeset,
@@ -33,6 +34,7 @@ _LOOKS: Final = (("blue", False), ("vermillion", True))
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
+    name: str
     pair: GroupPair
     sweep: figures.Sweep
     group: Group
@@ -68,14 +70,14 @@ def write_comparison(first: Side, second: Side, found: Comparison, out_path: Pat
         summary=_summary(pictured, found),
         parameters=[_parameter_row(p) for p in found.parameters],
         estimates=_estimates(found),
-        scores=[_score_row(p, [short(name) for name in found.names]) for p in found.groups],
+        scores=[_score_row(g, [short(name) for name in found.names]) for g in shown],
         explorable=[
-            figures.explorable(f"Group {g.pair.group}: {g.sweep.condition}", g.group, g.sweep, g.curves) for g in shown
+            figures.explorable(f"Group {g.pair.group}: {g.sweep.held}", g.group, g.sweep, g.curves) for g in shown
         ],
         pictures=_pictures(pictured),
         left_out=len(shown) - len(pictured),
         zeros=any(figures.has_zeros(g.group, g.curves) for g in pictured),
-        apart=groups(found.apart) if found.apart else None,
+        apart=groups(apart) if (apart := _apart(first, second, found)) else None,
         differing=[[f.what, f.first or "–", f.second or "–"] for f in differing],
         same=[[f.what, f.first] for f in found.facts if f.first == f.second],
         provenance={"first": first.name, "second": second.name, "psafit": first.facts.get("version of psafit", "?")},
@@ -83,16 +85,26 @@ def write_comparison(first: Side, second: Side, found: Comparison, out_path: Pat
 
 
 def _shown(first: Side, second: Side, found: Comparison) -> list[_Shown]:
-    sides = [{str(t.group.id): t for t in side.predicted} for side in (first, second)]
+    sides = [{t.key: t for t in side.predicted} for side in (first, second)]
+    called = names((pair.group, pair.observable) for pair in found.groups)
+    sweeps = figures.sweeps_of([sides[0][pair.key].group for pair in found.groups])
     shown = []
-    for pair in found.groups:
-        predicted = [side[str(pair.group)] for side in sides]
+    for name_of_pair, pair, sweep in zip(called, found.groups, sweeps, strict=True):
+        predicted = [side[pair.key] for side in sides]
         curves = [
             figures.Curve(name, color, t.median, (figures.Band(figures.READING_BAND, t.lower, t.upper),), dashed)
             for t, name, (color, dashed) in zip(predicted, found.names, _LOOKS, strict=True)
         ]
-        shown.append(_Shown(pair, figures.sweep_of(predicted[0].group), predicted[0].group, curves))
+        shown.append(_Shown(name_of_pair, pair, sweep, predicted[0].group, curves))
     return shown
+
+
+def _apart(first: Side, second: Side, found: Comparison) -> list[str]:
+    """What is not compared: whole groups, and of those of which something is, what is read."""
+    kept, partly = {g.key for g in found.groups}, {str(g.group) for g in found.groups}
+    left = dict.fromkeys(t.key for t in (*first.predicted, *second.predicted) if t.key not in kept)
+    called = dict(zip(left, names((*left, *kept)), strict=False))
+    return list(dict.fromkeys(called[key] if key[0] in partly else key[0] for key in left))
 
 
 # The first screen -----------------------------------------------------------------------------------------------
@@ -108,7 +120,7 @@ def _verdict(found: Comparison) -> dict[str, str]:
 
 
 def clear_winner(errors: Sequence[float], interval: Sequence[float], relevant: float = 0.01) -> int | None:
-    """Which of two log RMSEs is smaller beyond doubt, and by one per cent of a range: less makes nobody choose."""
+    """Which of two log RMSEs is smaller beyond doubt, and by one per cent of a reading: less makes nobody choose."""
     low, high = interval
     if low <= 0 <= high or abs(errors[1] - errors[0]) < relevant:
         return None
@@ -125,8 +137,8 @@ def _compared(first: Side, second: Side, found: Comparison) -> Markup:
         fitted(first),
         fitted(second),
         count(sum(g.n_points for g in found.groups), "reading"),
-        count(len(found.groups), "group"),
-        Markup("; without {}").format(groups(found.apart)) if found.apart else "",
+        count(len({str(g.group) for g in found.groups}), "group"),
+        Markup("; without {}").format(groups(apart)) if (apart := _apart(first, second, found)) else "",
     )
 
 
@@ -139,7 +151,7 @@ def _better(first: Side, second: Side, found: Comparison) -> Markup:
         )
     low, high = found.log_rmse_interval
     winner = clear_winner(found.log_rmse, found.log_rmse_interval)
-    clear = "no clear difference, or one below 1 % of a range"
+    clear = "no clear difference, or one below 1 % of a reading"
     if winner is not None:
         clear = f"{found.names[winner]} is better{_but(first, second, winner)}"
     return head + Markup(
@@ -189,7 +201,7 @@ def _tiles(found: Comparison) -> list[dict[str, str]]:
     over = "mean over the groups that neither has fitted" if found.judged else "mean over the groups of both"
     tiles = []
     for k, name in enumerate(found.names):
-        errors = [g.log_rmse[k] for g in found.groups if not found.judged or g.group in found.judged]
+        errors = [g.log_rmse[k] for g in found.groups if not found.judged or g.judged]
         spread = f"; ×{factor(min(errors))} to ×{factor(max(errors))}" if len(errors) > 1 else ""
         mean = math.fsum(errors) / len(errors)
         tiles.append({"value": f"×{factor(mean)}", "label": f"typical factor, {name}, {over}{spread}"})
@@ -200,7 +212,7 @@ def _summary(pictured: Sequence[_Shown], found: Comparison) -> Picture:
     rows = [
         figures.Row(
             g.pair.group,
-            g.sweep.condition,
+            g.sweep.held,
             [
                 figures.Mark(e, color, "s" if dashed else "o", hollow=dashed)
                 for e, (color, dashed) in zip(g.pair.log_rmse, _LOOKS, strict=True)
@@ -208,12 +220,10 @@ def _summary(pictured: Sequence[_Shown], found: Comparison) -> Picture:
         )
         for g in pictured
     ]
-    ranked = sorted(
-        pictured, key=lambda g: (g.pair.group not in found.judged, -abs(g.pair.log_rmse[1] - g.pair.log_rmse[0]))
-    )
+    ranked = sorted(pictured, key=lambda g: (not g.pair.judged, -abs(g.pair.log_rmse[1] - g.pair.log_rmse[0])))
     examples = [figures.Example(titled(g.pair.group), "ink", g.group, g.sweep, g.curves) for g in ranked[:2]]
     text = "; ".join(
-        f"group {g.pair.group} {factor(g.pair.log_rmse[0])} and {factor(g.pair.log_rmse[1])}" for g in pictured[:20]
+        f"group {g.name} {factor(g.pair.log_rmse[0])} and {factor(g.pair.log_rmse[1])}" for g in pictured[:20]
     )
     legend = figures.handles([figures.Curve(c.name, c.color, c.middle, (), c.dashed) for c in pictured[0].curves])
     return Picture(
@@ -286,16 +296,17 @@ def _role(roles: Sequence[str]) -> str:
     return " / ".join(dict.fromkeys(words[r] for r in roles))
 
 
-def _score_row(g: GroupPair, names: Sequence[str]) -> list[Any]:
+def _score_row(shown: _Shown, results: Sequence[str]) -> list[Any]:
+    g = shown.pair
     elpd = "–"
     if g.elpd_change is not None and g.elpd_interval is not None:
         low, high = g.elpd_interval
         elpd = typeset("{} ({} to {})".format(*(fixed(x, 1, sign=True) for x in (g.elpd_change, low, high))))
     low, high = g.log_rmse_interval
     winner = clear_winner(g.log_rmse, g.log_rmse_interval)
-    better: Any = "no clear difference" if winner is None else {"text": names[winner], "kind": "good"}
+    better: Any = "no clear difference" if winner is None else {"text": results[winner], "kind": "good"}
     return [
-        f"Group {g.group}",
+        f"Group {shown.name}",
         _role(g.roles),
         *(f"{e:.3f} (×{factor(e)})" for e in g.log_rmse),
         f"{signed_text(g.log_rmse[1] - g.log_rmse[0])} ({signed_text(low)} to {signed_text(high)})",
@@ -306,12 +317,16 @@ def _score_row(g: GroupPair, names: Sequence[str]) -> list[Any]:
 
 
 def _pictures(pictured: Sequence[_Shown]) -> list[Picture]:
-    return [
-        Picture(
-            figure_data_uri(figures.group_figure(g.group, g.sweep, g.curves), like=len(pictured)),
-            f"Launch range of group {g.pair.group}, {g.sweep.condition}: measured, and predicted by {text}.",
-            f"Off by {text}.",
+    found = []
+    for g in pictured:
+        text = " and ".join(f"×{factor(e)} ({c.name})" for e, c in zip(g.pair.log_rmse, g.curves, strict=True))
+        read = g.group.observable.title.capitalize()
+        figure = figures.group_figure(g.group, g.sweep, g.curves)
+        found.append(
+            Picture(
+                figure_data_uri(figure, like=len(pictured)),
+                f"{read} of group {g.pair.group}, {g.sweep.condition}: measured, and predicted by {text}.",
+                f"Off by {text}.",
+            )
         )
-        for g in pictured
-        for text in [" and ".join(f"×{factor(e)} ({c.name})" for e, c in zip(g.pair.log_rmse, g.curves, strict=True))]
-    ]
+    return found

@@ -16,7 +16,7 @@ from psafit.inference.run_folder import Run
 from psafit.inference.samplers import sampler
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.records import GroupScore, Numerics, ParameterSummary, Validation
-from psafit.report import fit_pictures
+from psafit.report import figures, fit_pictures
 from psafit.report.fit_pictures import Shown
 from psafit.report.page import render
 from psafit.report.wording import (
@@ -95,7 +95,7 @@ def write_report(
         "title": f"Fit of {groups(run.fit.groups).unescape()}: {run.fit.title}",
         "warning": None if run.summary.converged else run.summary.message,
         "verdict": verdict_of(validation),
-        "sentences": [what_was_fitted(run, shown), what_it_predicts(validation), _what_is_wrong(run, validation)],
+        "sentences": [what_was_fitted(run), what_it_predicts(validation), _what_is_wrong(run, validation)],
         "tiles": tiles_of(validation),
         "summary": fit_pictures.summary_picture(pictured),
         "explorable": fit_pictures.explorable(shown),
@@ -107,8 +107,8 @@ def write_report(
         "marginals": fit_pictures.marginal_pictures(run, marginals),
         "group_pictures": fit_pictures.group_pictures(pictured),
         "residual_pictures": fit_pictures.residual_pictures(pictured),
-        "scores": [_score_row(s) for s in validation.groups],
-        "verdicts": [(f"Group {s.group}{s.of}", _role_cell(s), s.verdict) for s in validation.groups],
+        "scores": [_score_row(g) for g in shown],
+        "verdicts": [(f"Group {g.name}", _role_cell(g.score), g.score.verdict) for g in shown],
         "holdout_log_rmse": validation.holdout_log_rmse,
         "n_draws": validation.n_draws,
         "pit_pictures": fit_pictures.pit_pictures(pictured),
@@ -143,17 +143,21 @@ def _physical(run: Run) -> list[ParameterSummary]:
     return run.summary.parameters[: run.fit.n_physical]
 
 
-def what_was_fitted(run: Run, shown: Sequence[Shown]) -> Markup:
+def what_was_fitted(run: Run) -> Markup:
     """The groups, the readings and the model, in a sentence."""
-    fitted = [g for g in shown if g.score.role == "fit"]
-    readings = sum(g.score.n_points for g in fitted)
+    fitted = run.problem.experiment.select(run.fit.groups)
+    readings = sum(g.n_points for g in fitted)
+    ranges = all(g.observables == (LAUNCH_RANGE,) for g in fitted)
     symbols = _symbols(run)
     names = listed(
         Markup("{} {}").format(e.description, symbols[e.name]) if run.fit.n_physical <= 4 else symbols[e.name]
         for e in run.fit.parameters[: run.fit.n_physical]
     )
     terms = Markup(" extended by {}").format(listed(run.fit.terms)) if run.fit.terms else ""
-    where = listed(f"{g.score.group} ({g.sweep.condition}, {g.sweep.extent})" for g in fitted)
+    where = listed(
+        f"{g.id} ({sweep.condition}, {sweep.extent}{'' if ranges else f': {listed(o.titles for o in g.observables)}'})"
+        for g, sweep in zip(fitted, map(figures.sweep_of, fitted), strict=True)
+    )
     return Markup(
         "<strong>Fitted:</strong> {} of the baseline{}, and the scatter of a reading, to the {} of {} {}."
     ).format(names, terms, count(readings, "reading"), "group" if len(fitted) == 1 else "groups", where)
@@ -162,23 +166,25 @@ def what_was_fitted(run: Run, shown: Sequence[Shown]) -> Markup:
 def what_it_predicts(validation: Validation) -> Markup:
     """How well unseen groups are predicted, in a sentence."""
     unseen, seen = _informative(validation, "holdout"), _informative(validation, "fit")
+    name = dict(zip(validation.groups, fit_pictures.names_of(validation), strict=True))
     if not unseen:
         held_out = any(s.role == "holdout" for s in validation.groups)
         why = "there is no group that could show it" if held_out else "every group was fitted"
         return Markup(
             "<strong>Does it predict what it has not seen?</strong> Not tested: {}, so nothing is left to test the"
             " prediction on. The fitted readings themselves are typically off by {}."
-        ).format(why, listed(f"×{factor(s.log_rmse)} (group {s.group})" for s in seen))
+        ).format(why, listed(f"×{factor(s.log_rmse)} for group {name[s]}" for s in seen))
     mean = validation.holdout_log_rmse
     assert mean is not None  # there are groups it is the mean of
     readings = sum(s.n_points for s in unseen)
     best = min(unseen, key=lambda s: s.log_rmse)
     worst = max(unseen, key=lambda s: s.log_rmse)
     _, _, how = _PREDICTS[predicts(validation)]
-    which = groups([s.group for s in unseen]) if len(unseen) <= 6 else f"the {len(unseen)} other groups"
+    ids = list(dict.fromkeys(s.group for s in unseen))
+    which = groups(ids) if len(ids) <= 6 else f"the {len(ids)} other groups"
     spread = (
-        Markup(" (from ×{} for group {} to ×{} for group {})").format(
-            factor(best.log_rmse), best.group, factor(worst.log_rmse), worst.group
+        Markup(", from ×{} for group {} to ×{} for group {}").format(
+            factor(best.log_rmse), name[best], factor(worst.log_rmse), name[worst]
         )
         if len(unseen) > 1
         else ""
@@ -198,7 +204,8 @@ def verdict_of(validation: Validation) -> dict[str, str]:
 
 
 def _what_is_wrong(run: Run, validation: Validation) -> Markup:
-    drifting = [s.group for s in validation.groups if s.informative and s.drift_p_value < LEVEL]
+    named = zip(fit_pictures.names_of(validation), validation.groups, strict=True)
+    drifting = [name for name, s in named if s.informative and s.drift_p_value < LEVEL]
     able = [s for s in validation.groups if s.informative and shows_trends(s)]
     some = "" if len(able) == len(validation.groups) else f" ({len(able)} of {len(validation.groups)})"
     trend = Markup("{} a trend that the model misses; <code>psafit diagnose</code> looks for more than trends.").format(
@@ -387,9 +394,10 @@ def _crps(s: GroupScore) -> str:
     return f"{fixed(s.crps_um, 1 - math.floor(math.log10(o.offset)))} {unit_text(o.unit)}"
 
 
-def _score_row(s: GroupScore) -> list[Any]:
+def _score_row(shown: Shown) -> list[Any]:
+    s = shown.score
     return [
-        f"Group {s.group}{s.of}",
+        f"Group {shown.name}",
         _role_cell(s),
         str(s.n_points),
         f"{s.log_rmse:.3f}",

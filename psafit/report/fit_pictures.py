@@ -23,15 +23,16 @@ from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, titled
 from psafit.report.figures.sweep import UNITS
 from psafit.report.page import Picture, figure_data_uri, worst
 from psafit.report.style import MEASURED, PALETTE
-from psafit.report.wording import factor, interval, number, percent, symbol_html, typeset, unit_text, with_unit
+from psafit.report.wording import factor, interval, names, number, percent, symbol_html, typeset, unit_text, with_unit
 from psafit.text import count
 from psafit.validate import Prediction, log_ratio
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A group as the page shows it: its scores, its prediction, its abscissa, and what it is without each cause."""
+    """Readings of a group as the page shows them, with their name, scores, prediction and abscissa."""
 
+    name: str
     score: GroupScore
     prediction: Prediction
     sweep: figures.Sweep
@@ -49,10 +50,14 @@ def shown_groups(
     without: Callable[[GroupId], Mapping[str, FloatArray]] = lambda group: {},
 ) -> list[Shown]:
     """The groups of a validation with their predictions, in the same order."""
-    return [
-        Shown(score, p, figures.sweep_of(p.group), without(p.group.id))
-        for score, p in zip(validation.groups, predictions, strict=True)
-    ]
+    sweeps = figures.sweeps_of([p.group for p in predictions])
+    each = zip(names_of(validation), validation.groups, predictions, sweeps, strict=True)
+    return [Shown(name, score, p, sweep, without(p.group.id)) for name, score, p, sweep in each]
+
+
+def names_of(validation: Validation) -> list[str]:
+    """What the page calls the readings of each score."""
+    return names((s.group, s.observable) for s in validation.groups)
 
 
 def pictured(shown: list[Shown]) -> list[Shown]:
@@ -70,15 +75,14 @@ def summary_picture(pictured: Sequence[Shown]) -> Picture:
         figures.Example(titled(g.score.group), ROLE_COLOR[g.score.role], g.prediction.group, g.sweep, g.curves)
         for g in [*seen[:1], *typical]
     ]
-    scores = [g.score for g in pictured]
-    listing = "; ".join(f"group {s.group} {ROLE_TEXT[s.role]} {factor(s.log_rmse)}" for s in scores[:20])
-    below = f"Below, fitted group {seen[0].score.group}"
+    listing = "; ".join(f"group {g.name} {ROLE_TEXT[g.score.role]} {factor(g.score.log_rmse)}" for g in pictured[:20])
+    below = f"Below, fitted group {seen[0].name}"
     if typical:
-        below += f" and, {middle_words(len(unseen))}, group {typical[0].score.group}"
+        below += f" and, {middle_words(len(unseen))}, group {typical[0].name}"
     legend = [Line2D([], [], **MEASURED, label="measured")] + [
         Line2D([], [], color=PALETTE[ROLE_COLOR[r]], marker=ROLE_MARKER[r], ms=5.5, lw=1.5, label=ROLE_TEXT[r])
         for r in ("fit", "holdout")
-        if any(s.role == r for s in scores)
+        if any(g.score.role == r for g in pictured)
     ]
     return Picture(
         figure_data_uri(figures.summary_figure(factor_rows(pictured), examples, legend)),
@@ -100,7 +104,7 @@ def factor_rows(shown: Sequence[Shown]) -> list[figures.Row]:
     return [
         figures.Row(
             g.score.group,
-            g.sweep.condition,
+            g.sweep.held,
             [figures.Mark(g.score.log_rmse, ROLE_COLOR[g.score.role], ROLE_MARKER[g.score.role])],
         )
         for g in shown
@@ -111,7 +115,7 @@ def explorable(shown: Sequence[Shown]) -> list[dict[str, Any]]:
     """The curves of all groups as numbers for the page's script."""
     return [
         figures.explorable(
-            f"Group {g.prediction.group.label}: {g.sweep.condition} ({ROLE_TEXT[g.score.role]})",
+            f"Group {g.score.group}: {g.sweep.held} ({ROLE_TEXT[g.score.role]})",
             g.prediction.group, g.sweep, g.curves, figures.without_curves(g.without, TITLES),
         )
         for g in shown
@@ -167,7 +171,7 @@ def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
         pictures.append(
             Picture(
                 figure_data_uri(figures.residual_figure(p, w, error, band, others, view), like=len(pictured)),
-                f"Predicted over measured against {w.over}, group {s.group}, {ROLE_TEXT[s.role]}: mean"
+                f"Predicted over measured against {w.over}, group {g.name}, {ROLE_TEXT[s.role]}: mean"
                 f" ×{factor(s.log_bias)}, furthest from one ×{furthest} at {place}.",
                 f"On average ×{factor(s.log_bias)}; furthest off ×{furthest} at {place}.",
             )
@@ -187,7 +191,7 @@ def pit_pictures(pictured: Sequence[Shown]) -> list[Picture]:
         pictures.append(
             Picture(
                 figure_data_uri(figures.pit_figure(p, g.sweep, pit, (low, high), bins), like=len(pictured)),
-                f"Histogram of the probability integral transforms of group {p.group.id}, {ROLE_TEXT[p.role]}:"
+                f"Histogram of the probability integral transforms of group {g.name}, {ROLE_TEXT[p.role]}:"
                 f" {edge} of {pit.size} readings in the two outermost of {bins} bins, {percent(2 / bins)} expected.",
                 f"{edge} of {count(pit.size, 'reading')} in the two outermost bins, where {percent(2 / bins)} belong.",
             )

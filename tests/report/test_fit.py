@@ -9,15 +9,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from fits_by_hand import build, make_group, make_numerics, make_predictions, make_run, make_validation, sweep_groups
+from fits_by_hand import (
+    build,
+    make_group,
+    make_numerics,
+    make_predictions,
+    make_run,
+    make_validation,
+    mixed_groups,
+    sweep_groups,
+)
 from reader import HOSTILE, Reader
 
 from psafit.inference.run_folder import Run
 from psafit.records import plain
-from psafit.report import figures, fit, wording
+from psafit.report import fit, wording
 from psafit.report.fit import write_report
-from psafit.report.fit_pictures import middle_words
-from psafit.validate import FAIR, GOOD, score, verdict
+from psafit.report.fit_pictures import middle_words, pictured, shown_groups
+from psafit.validate import FAIR, GOOD, verdict
 
 
 @dataclass(frozen=True)
@@ -179,8 +188,7 @@ def test_unconverged_numerics_are_a_warning(tmp_path):
 
 def test_causes_are_named(page):
     run = replace(page.run, fit=replace(page.run.fit, terms=["hysteresis"]))
-    fitted = [fit.Shown(score(p), p, figures.sweep_of(p.group)) for p in make_predictions(run)]
-    assert "extended by hysteresis" in fit.what_was_fitted(run, fitted)
+    assert "extended by hysteresis" in fit.what_was_fitted(run)
 
 
 def test_thresholds_are_those_of_the_verdict():
@@ -232,13 +240,32 @@ def test_groups_that_cannot_show_it_are_not_reported(tmp_path):
     assert len(fit.tiles_of(validation)) == 2
 
 
+def test_observables_of_a_group_are_no_groups(tmp_path):
+    """They are named wherever readings are, on a page of which every picture differs."""
+    page = Reader(build(make_run(tmp_path, mixed_groups(), (1, "trace"))).read_text("utf-8"))
+    assert (
+        "to the 27 readings of groups 1 (sine, 20 V, 800 Hz to 3 kHz: launch ranges, launch speeds and contact times)"
+        " and trace (square, 1.2 kHz, 20 V, 0 to 110 µs: velocities)." in page.first_screen
+    )
+    assert "predict group 2: typically" in page.first_screen and "for group 2 (contact time) to ×" in page.first_screen
+    assert (
+        "Below, fitted group 1 (launch range) and, of those the fit never saw, the one of median score, group 2 (launch"
+        in (page.first_screen)
+    )
+    assert "In groups 1 (launch range), 1 (launch speed), 1 (contact time), trace (velocity), 2 (launch" in page.text
+    assert "Group 1 (launch speed) fitted 5" in page.text and "Group trace: velocity, square" in page.html
+    images = page.all("img")
+    assert len({image["alt"] for image in images}) == len(images) and "groups 1, 1" not in page.text
+    run = make_run(tmp_path, mixed_groups(), (1, 2, "trace"))
+    nothing_left = fit.what_it_predicts(make_validation(run, make_predictions(run)))
+    assert "for group 1 (launch speed), ×" in nothing_left
+
+
 def test_very_many_groups(tmp_path):
     groups = [make_group(i, [100.0, 300.0, 1000.0], 5.0, [2.0, 2.5, 3.0 + i]) for i in range(60)]
     run = make_run(tmp_path, groups, (0, 1, 2))
     predictions = make_predictions(run)
-    scores = make_validation(run, predictions).groups
-    shown = [fit.Shown(s, p, figures.sweep_of(p.group)) for s, p in zip(scores, predictions, strict=True)]
-    kept = fit.fit_pictures.pictured(shown)
+    kept = pictured(shown_groups(make_validation(run, predictions), predictions))
     assert len(kept) <= 25 and any(g.score.role == "fit" for g in kept)
     assert "the 57 other groups: typically" in fit.what_it_predicts(make_validation(run, predictions))
 

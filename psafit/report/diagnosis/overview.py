@@ -36,21 +36,21 @@ def summary_picture(pictured: Sequence[Shown]) -> Picture:
     return Picture(
         figure_data_uri(figures.summary_figure(rows if with_errors else [], examples, legend)),
         "Typical factor between model and reading: "
-        + "; ".join(f"group {g.group.id} {g.text or 'readings alone'}" for g in pictured[:20])
+        + "; ".join(f"group {g.name} {g.text or 'readings alone'}" for g in pictured[:20])
         + ".",
         "Above, how far the fitted models are off in each group: ×1 would be perfect."
-        f" Below, {_missed(worst) if with_errors and len(pictured) > 1 else f'group {worst[0].group.id}'}.",
+        f" Below, {_missed(worst) if with_errors and len(pictured) > 1 else f'group {worst[0].name}'}.",
     )
 
 
 def _missed(worst: Sequence[Shown]) -> str:
     """Which groups `summary_picture` has chosen, and why."""
     first, *others = worst
-    text = f"group {first.group.id}, which the {first.curves[0].name} misses most"
+    text = f"group {first.name}, which the {first.curves[0].name} misses most"
     return text + "".join(
-        f", and of the others the one that the {other.curves[-1].name} misses most, group {other.group.id}"
+        f", and of the others the one that the {other.curves[-1].name} misses most, group {other.name}"
         if len(other.curves) > 1
-        else f", and group {other.group.id}, which it misses most of the others"
+        else f", and group {other.name}, which it misses most of the others"
         for other in others
     )
 
@@ -60,7 +60,7 @@ def factor_rows(shown: Sequence[Shown]) -> list[figures.Row]:
     return [
         figures.Row(
             g.group.id,
-            g.sweep.condition,
+            g.sweep.held,
             [
                 figures.Mark(e, c.color, "s" if c.dashed else "o", hollow=c.dashed)
                 for c, e in zip(g.curves, g.errors, strict=True)

@@ -146,10 +146,10 @@ def _discrepancy(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: in
         scale_sweep(axes, g.sweep)
         axes.set_xlabel(g.sweep.label)
         axes.set_ylabel("Reading / prediction")
-        title(axes, g.group.id, g.sweep.condition)
+        title(axes, g.group.id, g.sweep.held)
     low, high = factor(float(m.min())), factor(float(m.max()))
     return Picture(
         image(figure, n),
-        f"Discrepancy against {g.sweep.over}, group {g.group.id}: readings ×{low} to ×{high} of the prediction.",
+        f"Discrepancy against {g.sweep.over}, group {g.name}: readings ×{low} to ×{high} of the prediction.",
         f"×{low} to ×{high}; band: 90 %.",
     )

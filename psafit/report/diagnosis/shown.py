@@ -57,7 +57,12 @@ class Shown:
     @property
     def title(self) -> str:
         """The group and what is held."""
-        return f"Group {self.group.id}: {self.sweep.condition}"
+        return f"Group {self.group.id}: {self.sweep.held}"
+
+    @property
+    def name(self) -> str:
+        """The group and, where several observables are shown, what is read."""
+        return f"{self.group.id} ({self.sweep.read})" if self.sweep.read else str(self.group.id)
 
 
 def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> list[Shown]:
@@ -74,7 +79,9 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     lines = {model: {line.of: line for line in show.lines} for model, show in result.show.items()}
     starts = np.cumsum([0, *(g.n_points for g in members)])
     found = []
-    for whole, group in ((g, part) for g in members for part in g.parts):
+    parts = [(whole, part) for whole in members for part in whole.parts]
+    sweeps = figures.sweeps_of([part for _, part in parts])
+    for (whole, group), abscissa in zip(parts, sweeps, strict=True):
         part = starts[members.index(whole)] + np.flatnonzero(whole.measured == group.measured[0])
         name, sweep = group.label, (str(group.id), group.observable.name)
         looks = {model: _LOOKS.get(model, (model, "purple")) for model, values in models.items() if values.size == n}
@@ -96,7 +103,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
         finer = {id: _line(lines["extended"].get(sweep), id) for id in without}
         more += figures.without_curves({id: ranges[part] for id, ranges in without.items()}, TITLES, finer)
         errors = [root_mean_square(log_ratio(c.middle, group.reading, *group.observable.metric)) for c in shown]
-        found.append(Shown(group, figures.sweep_of(group), shown, errors, more, part))
+        found.append(Shown(group, abscissa, shown, errors, more, part))
     return found
 
 

@@ -33,7 +33,7 @@ from psafit.report.figures.posterior import (
     trace_figure,
 )
 from psafit.report.figures.summary import Example, Mark, Row, draw_factors, row_names, summary_figure
-from psafit.report.figures.sweep import Sweep, sweep_of
+from psafit.report.figures.sweep import Sweep, sweep_of, sweeps_of
 
 __all__ = [
     "READING_BAND",
@@ -63,6 +63,7 @@ __all__ = [
     "row_names",
     "summary_figure",
     "sweep_of",
+    "sweeps_of",
     "trace_figure",
     "without_curves",
     "zero_mark",

@@ -165,7 +165,7 @@ def residual_figure(
         axes.yaxis.set_major_formatter(FixedFormatter([f"×{f:g}" for f in kept]))
         axes.yaxis.set_minor_locator(NullLocator())
         axes.set_ylim(*view)
-        title(axes, p.group.id, sweep.condition, p.role)
+        title(axes, p.group.id, sweep.held, p.role)
         axes.set_xlabel(sweep.label)
         axes.set_ylabel("Predicted/measured")
     return figure
@@ -193,7 +193,7 @@ def pit_figure(p: Prediction, sweep: Sweep, pit: FloatArray, band: tuple[float, 
         axes.set_xlim(0, 1)
         axes.set_ylim(0, 1.12 * max(float(np.max(np.asarray(counts))), band[1], 1.0))
         axes.yaxis.set_major_locator(MaxNLocator(4, integer=True))
-        title(axes, p.group.id, sweep.condition, p.role)
+        title(axes, p.group.id, sweep.held, p.role)
         axes.set_xlabel("Predicted probability of a smaller reading")
         axes.set_ylabel("Readings")
     return figure

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.experiment import Conditions, changes_text
+from psafit.observables import LAUNCH_RANGE
 
 Variable = Literal["frequency", "amplitude", "time", "order"]
 
@@ -36,6 +38,8 @@ class Sweep:
         What is held, e.g. ``"sine, 1.2 kHz"``; the ranges of both where nothing is.
     extent : str
         What varies, from where to where.
+    read : str
+        What is read, where a page shows several observables.
     """
 
     variable: Variable
@@ -44,11 +48,23 @@ class Sweep:
     log: bool
     condition: str
     extent: str
+    read: str = ""
+
+    @property
+    def held(self) -> str:
+        """What is read, where that is said, and the condition."""
+        return f"{self.read}, {self.condition}" if self.read else self.condition
 
     @property
     def over(self) -> str:
         """What varies, in words."""
         return SWEPT.get(self.variable, "the number of the reading")
+
+
+def sweeps_of(groups: Sequence[Conditions]) -> list[Sweep]:
+    """Sweeps of one observable each; unless all are of launch ranges, with what is read."""
+    ranges = all(g.observable is LAUNCH_RANGE for g in groups)
+    return [replace(sweep_of(g), read="" if ranges else g.observable.title) for g in groups]
 
 
 def frequency_text(value: float) -> str:
