@@ -410,16 +410,7 @@ class Diagnosed(_Shown):
         return found
 
     def plot(self, group: GroupId | None = None, ax: Axes | None = None, *, observable: str | None = None) -> Axes:
-        """Draw a group's readings and both models; without a group, how far off they are in each.
-
-        Parameters
-        ----------
-        group : group id, optional
-        ax : Axes, optional
-            New ones by default.
-        observable : str, optional
-            What was read, such as ``"launch_speed"``; the group's first by default.
-        """
+        """Draw a group's readings and both models, as `Fitted.plot`; without a group, how far off they are in each."""
         chosen = None if group is None else _part(self.experiment, group, observable)
         return notebook.plot_diagnosis(self.record, self.experiment, self.folder, chosen, ax)
 
