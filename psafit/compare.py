@@ -18,7 +18,7 @@ from psafit.diagnose.gain import changes, interval
 from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
 from psafit.drives import Drive
 from psafit.errors import InputError
-from psafit.experiment import Group, GroupId
+from psafit.experiment import Group, GroupId, read_experiment
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.trace_table import TIME
 from psafit.files import encodable, read_error
@@ -40,10 +40,12 @@ class Predicted:
     group : Group
         The measurements.
     role : {"fit", "holdout"}
-    median, lower, upper : arrays, um
-        Of the launch range, and of the 90 % predictive interval of a reading.
-    log_density : array, 1/um
-        Log predictive density of each reading; NaN where it is not on record.
+    median, lower, upper : arrays
+        Of the prediction, and of the 90 % predictive interval of a reading; in the unit of the group's observable.
+    log_density : array
+        Log predictive density of each reading, per unit; NaN where it is not on record.
+    named_alone : bool
+        Whether of the group's drive no more than the waveform is known, as from a file of predictions.
     """
 
     group: Group
@@ -52,6 +54,7 @@ class Predicted:
     lower: FloatArray
     upper: FloatArray
     log_density: FloatArray
+    named_alone: bool = field(default=False, kw_only=True)
 
     @property
     def key(self) -> tuple[str, str | None]:
@@ -235,6 +238,12 @@ def _of_diagnosis(folder: Path) -> Side:
         for name, p in (record.best_model.parameters if record.best_model else {}).items()
     }
     predicted = read_predictions(record.table(folder, record.predictions))
+    if (kept := folder / "experiment").is_dir():
+        drives = {str(g.id): g.drive for g in read_experiment(kept).groups}
+        predicted = [
+            replace(t, group=replace(t.group, drive=drives[t.key[0]]), named_alone=False) if t.key[0] in drives else t
+            for t in predicted
+        ]
     return Side(_name(folder), "diagnosis", record.title, record.groups, record.named, facts, parameters, predicted)
 
 
@@ -289,6 +298,7 @@ def _read_table(path: Path, observable: Observable, model: str | None) -> list[P
                 ),
                 str(rows["role"].iloc[0]),
                 *(rows[name].to_numpy(float) for name in (*found, "log_density")),
+                named_alone=True,
             )
             for id, rows in table.groupby("group", sort=False)
         ]
@@ -353,9 +363,11 @@ def _listed(words: Sequence[object], between: str = ", ") -> str:
 
 
 def _same(one: Predicted, other: Predicted | None) -> bool:
+    """Whether both are of the same readings, under the same drive as far as it is known."""
     return (
         other is not None
         and one.group.waveform == other.group.waveform
+        and (one.named_alone or other.named_alone or one.group.drive == other.group.drive)
         and all(np.array_equal(getattr(one.group, name), getattr(other.group, name)) for name in _MEASURED)
         and np.array_equal(one.group.time_us, other.group.time_us)  # type: ignore[arg-type]  # None of launches
     )

@@ -184,6 +184,33 @@ def test_other_observables_are_read_back_and_compared(tmp_path: Path) -> None:
     assert compare(one, replace(one, name="b", predicted=changed)).apart == ["1"]
 
 
+def test_readings_under_another_drive_are_not_compared(tmp_path: Path) -> None:
+    """Bias, idle voltage, phase, periods and table count; a file of predictions names the waveform alone."""
+    one, other = made("a", 2.0), made("b", 1.1)
+    for drive in (
+        Drive("sine", bias_v=2.0),
+        Drive("sine", idle_v=2.0),
+        Drive("sine", phase_deg=9.0),
+        Drive("sine", cycles=2.0),
+    ):
+        driven = [replace(t, group=replace(t.group, drive=drive)) if t.group.id == 1 else t for t in other.predicted]
+        assert compare(one, replace(other, predicted=driven)).apart == [1]
+        assert compare(replace(one, predicted=driven), replace(other, predicted=driven)).apart == []
+        named = [replace(t, group=replace(t.group, drive=Drive("sine")), named_alone=True) for t in driven]
+        assert compare(replace(one, predicted=named), replace(other, predicted=driven)).apart == []
+
+
+def test_a_diagnosis_knows_the_drives_of_the_experiment_that_it_keeps(
+    diagnosis: tuple[Path, Experiment], tmp_path: Path
+) -> None:
+    folder, experiment = shutil.copytree(diagnosis[0], tmp_path / "found"), diagnosis[1]
+    assert all(t.named_alone for t in read_side(folder).predicted)
+    biased = replace(experiment.groups[0], drive=Drive("sine", bias_v=2.0))
+    write_experiment(replace(experiment, groups=(biased, *experiment.groups[1:])), folder / "experiment")
+    kept = read_side(folder).predicted
+    assert kept[0].group.drive == biased.drive and not any(t.named_alone for t in kept)
+
+
 def test_damaged_predictions_are_one_line(tmp_path: Path) -> None:
     file = tmp_path / "p.csv"
     for text, said in ((None, "is missing"), ("a,b\n1,2\n", "does not hold predictions"), ("", "does not hold")):
