@@ -196,11 +196,11 @@ def section(e: CauseEntry) -> Iterator[str]:
     yield f"*At work, before any reading:* probability {number(e.probability)}; {why}."
     s = e.symptom
     sign = {1: "raises the range", -1: "lowers the range", 0: "may raise or lower the range"}[s.sign]
-    where = "sine and square" if len(s.waveforms) > 1 else f"{s.waveforms[0]} only"
+    on = " and ".join(f"{name}s" for name in s.waveforms)
     acts = "" if e.drives == "every" else f" It {DRIVES[e.drives]}."
     yield (
-        f"*Symptom:* {cell(s.text)}. A larger value {sign}; its relative effect with frequency: {s.frequency}; with"
-        f" voltage: {s.amplitude}; {where}.{acts}"
+        f"*Symptom:* {cell(s.text)}. On {on}, a larger value {sign}; its relative effect with"
+        f" frequency: {s.frequency}; with voltage: {s.amplitude}.{acts}"
     )
     yield f"![Effect of {e.id} on the six groups](figures/causes/{e.id}.png)"
     yield f"*Reference:* {cell(e.reference)}."

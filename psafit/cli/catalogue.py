@@ -91,12 +91,9 @@ def _declaration(entry: CauseEntry) -> str:
     s = entry.symptom
     sign = {1: "raises the range", -1: "lowers the range", 0: "raises or lowers the range"}[s.sign]
     lines.append(_wrapped("symptom", s.text))
-    lines.append(
-        _wrapped(
-            "",
-            f"{sign}; effect with frequency: {s.frequency}, with amplitude: {s.amplitude}; {' and '.join(s.waveforms)}",
-        )
-    )
+    on = " and ".join(f"{name}s" for name in s.waveforms)
+    trends = f"effect with frequency: {s.frequency}, with amplitude: {s.amplitude}"
+    lines.append(_wrapped("", f"on {on}: {sign}; {trends}"))
     lines.append(_wrapped("drives", DRIVES[entry.drives]))
     lines.append(
         _wrapped("at work", f"probability {entry.probability:g} before any reading; {entry.because or 'a surprise'}")

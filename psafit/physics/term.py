@@ -208,6 +208,8 @@ class ReferenceRig:
 class Symptom:
     """What a cause does to the launch range, in words and in a form that can be checked against the simulator.
 
+    The form is that of plain sines and squares; `Term.drives` says on which others the cause acts.
+
     Parameters
     ----------
     text : str

@@ -34,7 +34,8 @@ def test_one_cause_in_full(tmp_path: Path, monkeypatch, capsys) -> None:  # type
     for t in TERMS:
         assert run(monkeypatch, "terms", t.id) == 0
         said = " ".join(capsys.readouterr().out.split())
-        wanted = [t.title, t.symptom.text, t.reference, *(c.working for c in t.checks)]
+        on = " and ".join(f"{name}s" for name in t.symptom.waveforms)
+        wanted = [t.title, f"on {on}: ", t.symptom.text, t.reference, *(c.working for c in t.checks)]
         wanted += [text for p in t.parameters for text in (p.name, p.description, p.source, p.prior.describe())]
         assert all(" ".join(text.split()) in said for text in wanted)
         assert ":math:" not in said
