@@ -65,26 +65,27 @@ JUDGED = 5
 
 @dataclass(frozen=True)
 class Prediction:
-    """Posterior predictive of one group, or of one of its observables; arrays of shape (n_points,) unless said.
+    """Posterior predictive of one group, or of one of its observables; arrays of shape (n_points,) in its unit.
 
     Parameters
     ----------
     group : Group
         The measurements, of one observable.
     role : {"fit", "holdout"}
-    median : array, um
-        Posterior median of the launch range.
-    model_lower, model_upper : arrays, um
-        Central 90 % of the launch range itself, without scatter.
-    lower, upper : arrays, um
+    median : array
+        Posterior median of what is read, without scatter.
+    model_lower, model_upper : arrays
+        Central 90 % of the same.
+    lower, upper : arrays
         Central 90 % predictive interval of a reading.
-    lower_50, upper_50 : arrays, um
+    lower_50, upper_50 : arrays
         Central 50 % predictive interval of a reading.
-    log_density : array, 1/um
-        Log predictive density of each reading.
-    crps : array, um
+    log_density : array
+        Log predictive density of each reading, per unit.
+    crps : array
     pit : array
-        Probability integral transforms; those of readings of zero lie anywhere in what the law has below zero.
+        Probability integral transforms, without a unit; those of readings of zero lie anywhere in what the law has
+        below zero.
     pit_p_value, drift_p_value : float
         Share of groups simulated from the posterior whose PIT is as far from uniform, and as correlated between
         neighbours in the sweep; NaN where there are too few readings above zero.
@@ -332,7 +333,7 @@ def _predicted(
 
 
 def without_each(problem: Problem, draws: FloatArray, group_ids: Sequence[GroupId]) -> dict[str, FloatArray]:
-    """What each cause does in a model: launch ranges without it, all else left as it is.
+    """What each cause does in a model: what would be read without it, all else left as it is.
 
     Parameters
     ----------
@@ -343,8 +344,8 @@ def without_each(problem: Problem, draws: FloatArray, group_ids: Sequence[GroupI
 
     Returns
     -------
-    dict of str to (n_points,) array, um
-        By cause: the median over the draws.
+    dict of str to (n_points,) array
+        By cause: the median over the draws, each in the unit of its reading.
     """
     found = {}
     for gone in problem.terms:
@@ -598,7 +599,7 @@ def prediction_rows(
     Parameters
     ----------
     group : Group
-    median, lower, upper : (n_points,) arrays, um
+    median, lower, upper : (n_points,) arrays
         See `Prediction`.
     role : {"fit", "holdout"}
     """

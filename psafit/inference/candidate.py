@@ -79,9 +79,9 @@ class Candidate:
         Optima, in sampling coordinates, best first.
     log_posteriors : (n_modes,) array
         Log posteriors there.
-    predicted : (n_points,) array, um
-        Launch ranges at the best.
-    slope : (n_model, n_points) array, um
+    predicted : (n_points,) array
+        Predictions at the best, each in the unit of its reading.
+    slope : (n_model, n_points) array
         Their derivatives by the sampling coordinates of the model.
     curvature : (n_modes, n_dim, n_dim) array
         Expected curvature of the log posterior at the modes.
@@ -178,7 +178,7 @@ class Candidate:
 
         Parameters
         ----------
-        effect : (n, n_points) array, um
+        effect : (n, n_points) array, each in the unit of its reading
         without : Term, optional
             A cause whose own parameters the refit leaves where they are.
 

@@ -84,7 +84,8 @@ def _scatter(
     Parameters
     ----------
     problem : Problem
-    predicted : (n_sets, n_points) array, um
+    predicted : (n_sets, n_points) array
+        Each in the unit of its reading.
     quantiles, tails, memories : sequence of float
         The grid: quantiles of the priors of both widths, of the degrees of freedom, and of a trace's correlation time.
         The last width is for a model that misses the readings by far: it may fit best where they are nothing but

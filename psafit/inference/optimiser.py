@@ -86,8 +86,8 @@ class Optima:
         Sampling coordinates.
     log_posterior : (n,) array
         Log posterior there.
-    predicted : (n, n_points) array, um
-        Launch ranges there.
+    predicted : (n, n_points) array
+        Predictions there, each in the unit of its reading.
     starts : (n,) array of int
         Starts that ended there: optimisations that were united count together.
     effort : Effort
@@ -137,8 +137,8 @@ def slopes(
     ----------
     problem : Problem
     u : (n, n_dim) array
-    predicted : (n, n_points) array, um
-        Launch ranges at `u`.
+    predicted : (n, n_points) array
+        Predictions at `u`, each in the unit of its reading.
     by : float
         Step of the forward differences: far above the jitter of the stepping path (1e-6), far below the width of any
         posterior.
@@ -437,8 +437,8 @@ def maximise_linearly(
         Parameters, priors and scatter.
     at : (n, n_dim) array
         Where the optimisations begin, and where the slopes were taken.
-    predicted : (n, n_points) array, um
-        Launch ranges there.
+    predicted : (n, n_points) array
+        Predictions there, each in the unit of its reading.
     slope : (n, n_model, n_points) array, or (n_model, n_points) for all
         Derivatives of ``ln L``, or of the samples of a trace, by the sampling coordinates of the model.
     observed : (n_points,) or (n, n_points) array, um, optional

@@ -93,7 +93,7 @@ def scale_sweep(
 
 
 def reading_range(measured: FloatArray, predicted: FloatArray, upper: FloatArray) -> tuple[float, float, bool]:
-    """View of launch ranges: lower and upper limit, um, and whether the axis is logarithmic.
+    """View of readings: lower and upper limit, in their unit, and whether the axis is logarithmic.
 
     It is where positive readings span a factor of five or more: errors of a launch range are factors. The view
     follows the readings: a prediction may leave it at the bottom by more than a decade, or at the top by its tail.

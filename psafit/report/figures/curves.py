@@ -40,7 +40,7 @@ _WITHOUT: Final = ("green", "purple", "orange", "sky")
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """A central 90 % interval about a curve; arrays (n_points,), um, in the group's order."""
+    """A central 90 % interval about a curve; arrays (n_points,) in the unit and order of its readings."""
 
     name: str
     low: FloatArray
@@ -56,13 +56,13 @@ class Curve:
     name : str
     color : str
         A name of `psafit.report.style.PALETTE`.
-    middle : (n_points,) array, um
-        In the group's order.
+    middle : (n_points,) array
+        In the unit and order of the group's readings.
     bands : tuple of Band
         The widest first.
     dashed : bool
     line : pair of (n,) arrays, optional
-        Swept values, ascending, and ranges, um: the same between the readings, too.
+        Swept values, ascending, and what it says there: the same between the readings, too.
     """
 
     name: str
@@ -118,7 +118,7 @@ def band_of(curve: Curve, band: Band, x: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def readings_of(group: Conditions) -> FloatArray:
-    """Measured launch ranges, um; none of a planned group."""
+    """What was read; nothing of a planned group."""
     return group.reading if isinstance(group, Group) else np.empty(0)
 
 

@@ -53,7 +53,7 @@ def title(axes: Axes, group_id: object, condition: str, role: str | None = None)
 
 
 def group_figure(group: Group, sweep: Sweep, curves: Sequence[Curve], role: str | None = None) -> Figure:
-    """Measured launch ranges of a group against what models say.
+    """Readings of a group, of one observable, against what models say.
 
     Parameters
     ----------
