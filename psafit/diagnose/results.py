@@ -234,7 +234,8 @@ def _furthest(misfit: Misfit, candidate: Candidate, most: int = 3) -> list[Readi
         Reading(
             **vars(condition_of(candidate.problem, int(k))), reading_um=float(observed[k]),
             predicted_um=float(candidate.predicted[k]), score=float(misfit.scores[k]),
-            observable=recorded_name(OBSERVABLES[int(design.measured[k])]), repeats=observed[same[same != k]].tolist() or None,
+            observable=recorded_name(OBSERVABLES[int(design.measured[k])]),
+            repeats=observed[same[same != k]].tolist() or None,
         )
         for k in np.argsort(-np.abs(misfit.scores), kind="stable")[:most]
         for same in [np.flatnonzero((conditions == conditions[k]).all(axis=1))]
