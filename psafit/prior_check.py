@@ -97,7 +97,7 @@ def _off_scale(
 ) -> list[str]:
     """What is suspicious of the readings of one observable; see the module."""
     nearly_all, far = settings.nearly_all, math.log(settings.factor)
-    read, other_units = observable.titles, observable.mistaken
+    read = observable.titles
     every = -(-sum(g.n_points for g in moving) // settings.readings)
     groups = replace(experiment, groups=moving).thinned(every).groups
     design = Design.of(experiment.constants, groups)
@@ -116,12 +116,13 @@ def _off_scale(
     middle = of_group[::-1] if len(moving) == 2 else np.broadcast_to(np.median(of_group, axis=0), of_group.shape)
     off = of_group - middle
     found = []
-    for way, other, sign in (("below", other_units[0], -1), ("above", other_units[1], 1)):
+    for way, sign in (("below", -1), ("above", 1)):
+        asked = observable.asked(large=sign > 0)
         alone = np.mean(sign * of_group > 0, axis=1) > nearly_all
         if alone.all():
             found.append(
                 f"{read} lie {way} those of {100 * nearly_all:.0f} % of the rigs that the prior holds; are they"
-                f" given in {other}, are columns swapped, or is a constant wrong?"
+                f" {asked}, are columns swapped, or is a constant wrong?"
             )
             continue
         for group, apart, odd in zip(moving, off, alone, strict=True):
@@ -129,7 +130,7 @@ def _off_scale(
             if np.mean(sign * apart > far) > nearly_all and (odd or len(moving) != 2):
                 found.append(
                     f"{group.file}: group {group.id}: {read} lie {way} the other groups' by a factor of about"
-                    f" {_factor(apart)}; given in {other}?"
+                    f" {_factor(apart)}; {asked}?"
                 )
     if len(moving) == 2 and not found and np.mean(np.abs(off[0]) > far) > nearly_all:
         one, two = moving

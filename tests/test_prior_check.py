@@ -28,7 +28,13 @@ def test_the_study_has_the_scale_of_its_rigs() -> None:
     assert with_scale(STUDY) is STUDY or with_scale(STUDY).warnings == STUDY.warnings == ()
 
 
-@pytest.mark.parametrize(("factor", "words"), [(1e-3, "given in mm or m, or as speeds in mm/s"), (1e3, "given in nm")])
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1e-3, "given in mm or m, or as speeds in mm/s"),
+        (1e3, "in um and taken for mm, 1000 times too large, or given in nm, are"),
+    ],
+)
 def test_all_readings_in_another_unit(factor: float, words: str) -> None:
     (warning,) = with_scale(scaled(STUDY, factor)).warnings
     assert "98 % of the rigs that the prior holds" in warning and words in warning

@@ -17,10 +17,12 @@ from psafit.experiment.records import DEFINITION, Constants, Group
 from psafit.experiment.rig import MATERIALS, Rig, is_rated_stroke
 from psafit.experiment.table import read_csv, readings_of
 from psafit.experiment.text import one_line
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable, in_another_unit
 
 _EXAMPLE = "EXAMPLE, replace:"
 _POWER = "is a power of ten wrong?"
+_HERTZ = in_another_unit("Hz", ["kHz"], ["mHz"], large=True)
+_VOLTS = in_another_unit("V", ["kV"], ["mV"], large=True)
 # Wide enough for any rig of this kind, narrow enough to catch a factor of a thousand in the unit: the ends, the unit,
 # and what to ask below and above.
 _CONSTANTS: dict[str, tuple[float, float, str, str, str]] = {
@@ -269,7 +271,7 @@ def _suspicious_hertz(f_max: float) -> list[str]:
     """What the greatest frequency says."""
     if f_max <= 50:  # below this a stack hardly moves the ball, and kHz values end here
         return [f"every frequency is at or below 50 Hz (greatest {f_max:g}); given in kHz?"]
-    return [f"frequencies reach {f_max:g} Hz, above 1 MHz; given in mHz?"] if f_max > 1e6 else []
+    return [f"frequencies reach {f_max:g} Hz, above 1 MHz; {_HERTZ}?"] if f_max > 1e6 else []
 
 
 def _unreached(drive: Drive, volts: FloatArray, v_max: float, reach: float = 0.8) -> list[str]:
@@ -303,8 +305,9 @@ def _suspicious_volts(v_max: float) -> list[str]:
     if v_max == 0:
         return ["every amplitude is zero: nothing drives the ball"]
     if v_max < 0.1:
-        return [f"every amplitude is below 0.1 V (greatest {v_max:g}); given in kV?"]
-    return [f"amplitudes reach {v_max:g} V, above 1 kV; given in mV?"] if v_max > 1000 else []
+        asked = in_another_unit("V", ["kV"], ["mV"], large=False)
+        return [f"every amplitude is below 0.1 V (greatest {v_max:g}); {asked}?"]
+    return [f"amplitudes reach {v_max:g} V, above 1 kV; {_VOLTS}?"] if v_max > 1000 else []
 
 
 def _suspicious_recording(group: Group, v_max: float, shortest_us: float = 1.0, overshoot: float = 1.5) -> list[str]:
@@ -334,7 +337,7 @@ def _suspicious_recording(group: Group, v_max: float, shortest_us: float = 1.0, 
     if lasts_us < shortest_us:
         found.append(f"the drive in {group.drive.file} ends after {lasts_us:g} us; is its time given in s or ms?")
     if most_v > 1000:
-        found.append(f"the drive in {group.drive.file} reaches {most_v:g} V, above 1 kV; given in mV?")
+        found.append(f"the drive in {group.drive.file} reaches {most_v:g} V, above 1 kV; {_VOLTS}?")
     if group.varied:
         what = " and ".join(group.varied)
         found.append(
@@ -357,13 +360,14 @@ def _suspicious_part(part: Group, constants: Constants | None, v_max: float) -> 
     if r_max == 0:
         found.append(f"every {o.title} is zero: there is nothing to fit")
     elif r_max < least:
-        found.append(f"every {o.title} is below {least:g} {o.unit} (greatest {r_max:g}); given in {o.mistaken[0]}?")
+        found.append(f"every {o.title} is below {least:g} {o.unit} (greatest {r_max:g}); {o.asked(large=False)}?")
     if r_max > string_um:
-        found.append(f"launch ranges reach {r_max:g} um, beyond the string of {string_um:g} um; given in nm?")
+        asked = o.asked(large=True)
+        found.append(f"launch ranges reach {r_max:g} um, beyond the string of {string_um:g} um; {asked}?")
     elif r_max > most:
         # Ten centimetres read better than 1e+05 um.
         beyond = "10 cm" if o is LAUNCH_RANGE else f"{most:g} {o.unit}"
-        found.append(f"{o.titles} reach {r_max:g} {o.unit}, above {beyond}; given in {o.mistaken[1]}?")
+        found.append(f"{o.titles} reach {r_max:g} {o.unit}, above {beyond}; {o.asked(large=True)}?")
     if part.sigma is not None and r_max > 0 and float(part.sigma.min()) > r_max:
         found.append(
             f"every {o.sigma_column} exceeds every {o.title} (least {part.sigma.min():g} {o.unit}); given in another"

@@ -6,7 +6,7 @@ from psafit.observables.contact_time import CONTACT_TIME
 from psafit.observables.displacement import DISPLACEMENT
 from psafit.observables.launch_range import LAUNCH_RANGE
 from psafit.observables.launch_speed import LAUNCH_SPEED
-from psafit.observables.observable import Launches, Motion, Observable
+from psafit.observables.observable import Launches, Motion, Observable, in_another_unit
 from psafit.observables.peak_force import PEAK_FORCE
 from psafit.observables.tip_displacement import TIP_DISPLACEMENT
 from psafit.observables.velocity import VELOCITY
@@ -26,5 +26,5 @@ def recorded_name(observable: Observable) -> str | None:
 
 __all__ = [
     "CONTACT_TIME", "DISPLACEMENT", "LAUNCH_RANGE", "LAUNCH_SPEED", "OBSERVABLES", "OF_LAUNCHES", "PEAK_FORCE",
-    "TIP_DISPLACEMENT", "VELOCITY", "Launches", "Motion", "Observable", "recorded_name",
+    "TIP_DISPLACEMENT", "VELOCITY", "Launches", "Motion", "Observable", "in_another_unit", "recorded_name",
 ]  # fmt: skip

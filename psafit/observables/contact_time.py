@@ -35,6 +35,6 @@ CONTACT_TIME = Observable(
     limits=(0.0, 1e9),
     still=0.0,
     usual=(1.0, 1e6),
-    mistaken=("ms or s", "ns"),
+    mistaken=(("ms", "s"), ("ns",)),
     blank=True,
 )

@@ -34,6 +34,6 @@ DISPLACEMENT = Observable(
     limits=(-1e9, 1e9),
     still=0.0,
     usual=(0.01, 100000.0),
-    mistaken=("mm or m", "nm"),
+    mistaken=(("mm", "m"), ("nm",)),
     traced=True,
 )

@@ -35,5 +35,6 @@ LAUNCH_RANGE = Observable(
     limits=(0.0, 1e9),
     still=1.0,
     usual=(0.1, 1e5),
-    mistaken=("mm or m, or as speeds in mm/s", "nm"),
+    instead="as speeds in mm/s",
+    mistaken=(("mm", "m"), ("nm",)),
 )

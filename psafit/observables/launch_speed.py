@@ -39,5 +39,5 @@ LAUNCH_SPEED = Observable(
     limits=(0.0, 1e6),
     still=0.03,
     usual=(1e-3, 1e3),
-    mistaken=("m/s", "um/s"),
+    mistaken=(("m/s",), ("um/s",)),
 )

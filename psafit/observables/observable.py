@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -75,8 +75,10 @@ class Observable:
         absolute scatter to, with 98 %.
     usual : (float, float)
         Readings of a group that are all below the first, or reach beyond the second, look like another unit.
-    mistaken : (str, str)
-        That unit, for readings that are too small and too large.
+    mistaken : (tuple of str, tuple of str)
+        Units that may be meant: larger ones, the first by a thousand, and smaller ones, the first by a thousandth.
+    instead : str
+        What else readings that are too small may be, in words.
     blank : bool
         Whether a launch that failed has no such reading. Others read zero then.
     force : bool
@@ -97,11 +99,12 @@ class Observable:
     limits: tuple[float, float]
     still: float
     usual: tuple[float, float]
-    mistaken: tuple[str, str]
+    mistaken: tuple[tuple[str, ...], tuple[str, ...]]
     blank: bool = False
     force: bool = False
     traced: bool = False
     tip: bool = False
+    instead: str = ""
 
     def __post_init__(self) -> None:
         if not self.column.startswith(f"{self.name}_"):
@@ -124,10 +127,25 @@ class Observable:
         """What several readings are called, in one word."""
         return self.titles.split()[-1]
 
+    def asked(self, *, large: bool) -> str:
+        """What is asked of readings that are too large, or too small, for their unit: see `in_another_unit`."""
+        return in_another_unit(self.unit, *self.mistaken, large=large, instead=self.instead)
+
     @property
     def sigma_column(self) -> str:
         """Column of the readings' own standard uncertainties."""
         return f"sigma_{self.column.removeprefix(self.name + '_')}"
+
+
+def in_another_unit(unit: str, larger: Sequence[str], smaller: Sequence[str], *, large: bool, instead: str = "") -> str:
+    """How numbers come to be too large for their unit, or too small; the first of the other units are 1000 times off.
+
+    Either they are in another unit, or they were right and converted as if they were.
+    """
+    if large:
+        return f"given in {unit} and taken for {larger[0]}, 1000 times too large, or given in {' or '.join(smaller)}"
+    others = [" or ".join(larger), *([instead] if instead else [])]
+    return f"given in {', or '.join(others)}, or in {unit} and taken for {smaller[0]}, 1000 times too small"
 
 
 def scatter(

@@ -40,7 +40,7 @@ PEAK_FORCE = Observable(
     limits=(0.0, 1e6),
     still=0.05,
     usual=(0.01, 1e4),
-    mistaken=("kN", "mN"),
+    mistaken=(("kN",), ("mN",)),
     blank=True,
     force=True,
 )

@@ -34,7 +34,7 @@ TIP_DISPLACEMENT = Observable(
     limits=(-1e9, 1e9),
     still=0.0,
     usual=(0.001, 10000.0),
-    mistaken=("mm or m", "nm"),
+    mistaken=(("mm", "m"), ("nm",)),
     traced=True,
     tip=True,
 )

@@ -34,6 +34,6 @@ VELOCITY = Observable(
     limits=(-1e9, 1e9),
     still=0.0,
     usual=(0.01, 10000.0),
-    mistaken=("m/s", "um/s"),
+    mistaken=(("m/s",), ("um/s",)),
     traced=True,
 )

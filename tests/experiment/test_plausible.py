@@ -28,11 +28,11 @@ def test_constant_in_another_unit_is_named(tmp_path: Path, name: str) -> None:
 
 SUSPICIOUS: dict[str, Callable[[float, float, float], tuple[float, float, float]]] = {
     "given in kHz": lambda f, v, r: (f / 1e3, v, r),
-    "given in mHz": lambda f, v, r: (f * 1e3, v, r),
+    "given in Hz and taken for kHz, 1000 times too large, or given in mHz?": lambda f, v, r: (f * 1e3, v, r),
     "given in kV": lambda f, v, r: (f, v / 1e3, r),
-    "given in mV": lambda f, v, r: (f, v * 1e3, r),
+    "given in V and taken for kV, 1000 times too large, or given in mV?": lambda f, v, r: (f, v * 1e3, r),
     "given in mm or m": lambda f, v, r: (f, v, r / 1e3),
-    "given in nm": lambda f, v, r: (f, v, r * 1e4),
+    "given in um and taken for mm, 1000 times too large, or given in nm?": lambda f, v, r: (f, v, r * 1e4),
     "nothing drives the ball": lambda f, v, r: (f, 0, r),
     "nothing to fit": lambda f, v, r: (f, v, 0),
 }
@@ -47,6 +47,26 @@ def test_readings_in_another_unit_are_named(tmp_path: Path, words: str) -> None:
     assert warnings[0].startswith("a.csv: group 1: ")
     assert words in warnings[0]
     assert warnings[0].isprintable()
+
+
+@pytest.mark.parametrize(
+    ("column", "reading", "said"),
+    [
+        ("launch_speed_mm_s", 5e4, "given in mm/s and taken for m/s, 1000 times too large, or given in um/s?"),
+        ("launch_speed_mm_s", 5e-4, "given in m/s, or in mm/s and taken for um/s, 1000 times too small?"),
+        ("contact_time_us", 2e6, "given in us and taken for ms, 1000 times too large, or given in ns?"),
+        ("contact_time_us", 0.2, "given in ms or s, or in us and taken for ns, 1000 times too small?"),
+        ("peak_force_n", 2e4, "given in N and taken for kN, 1000 times too large, or given in mN?"),
+        ("launch_range_um", 0.05, "given in mm or m, or as speeds in mm/s, or in um and taken for nm, 1000 times too"),
+    ],
+)
+def test_a_unit_that_was_right_and_was_converted_is_asked_about(
+    column: str, reading: float, said: str, tmp_path: Path
+) -> None:
+    """Readings a thousand times too large are seldom in a unit that is a thousand times smaller."""
+    csv = f"frequency_hz,amplitude_v,{column}\n1200,20,{reading}\n3000,20,{0.9 * reading}\n"
+    (warning,) = read_experiment(write(tmp_path, a=csv)).warnings
+    assert said in warning
 
 
 SWEEP = [(f, 20 + k, 76 - k) for k, f in enumerate((1200, 1300, 1400, 1500, 1600))]
