@@ -184,6 +184,33 @@ def test_errors_that_drift_in_what_was_fitted_put_its_values_in_doubt(checked) -
         assert validate.drifting(replace(found, groups=[one])) is doubt
 
 
+@pytest.mark.parametrize("looks", [1, 6, 18])
+def test_many_groups_raise_no_more_alarms_than_one(looks: int, checked) -> None:  # type: ignore[no-untyped-def]
+    """Of a right model p values are even: so many groups and observables drift together in one case of a hundred."""
+    found = checked[1]
+    rng = np.random.default_rng(5)
+    alarms = 0
+    for p_values in rng.uniform(size=(2000, looks)):
+        groups = [replace(found.groups[0], role="fit", drift_p_value=p) for p in p_values]
+        alarms += validate.drifting(replace(found, groups=groups))
+    assert 5 <= alarms <= 35  # 20 expected, within 3.4 standard deviations
+
+
+def test_a_drift_shows_among_many_groups(checked) -> None:  # type: ignore[no-untyped-def]
+    """However many are looked at, as many groups are simulated as it takes; and what is fitted is judged by itself."""
+    run = checked[0]
+    experiment = run.problem.experiment
+    first = experiment.groups[0]
+    error = np.exp(1.5 * np.sin(np.linspace(0, 2 * np.pi, first.n_points)))[np.argsort(first.in_sweep)]
+    groups = [replace(first, id=k) for k in range(1, 19)]
+    odd = replace(first, id=19, reading=first.reading * error)
+    problem = replace(run.problem, experiment=replace(experiment, groups=(*groups, odd)))
+    record, _ = validate.validate(replace(run, problem=problem, folder=run.folder.parent / "many"), n_draws=100)
+    assert [s.group for s in validate.trends(record.groups)] == [19]
+    unheard = [replace(s, drift_p_value=math.nan) for s in record.groups[:-1]]
+    assert len(validate.trends([*unheard, replace(record.groups[-1], drift_p_value=0.009)])) == 1
+
+
 def test_values_are_doubted_where_the_fit_does_not_predict(checked) -> None:  # type: ignore[no-untyped-def]
     found = checked[1]
     fitted, unseen = (replace(found.groups[0], role=role, n_points=77, drift_p_value=0.5, informative=True)

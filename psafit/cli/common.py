@@ -196,10 +196,14 @@ def plugin_words() -> list[object]:
 
 def print_scores(validation: Any) -> None:
     """Print how each group was predicted, and why the values of the fit may stand in for something else."""
-    from psafit.validate import caution
+    from psafit.validate import caution, drifting
 
     if why := caution(validation):
         click.echo(f"{why}: these values may stand in for what the model lacks")
+    if drifting(validation):
+        click.echo(
+            "a diagnosis weighs drifts more carefully: where one has named this model and found nothing left, go by it"
+        )
     for s in validation.groups:
         click.echo(f"group {s.group}{s.of} ({s.role}): log_rmse {s.log_rmse:.3f}; {s.verdict}")
     if validation.holdout_log_rmse is not None:
