@@ -208,6 +208,7 @@ def _span(span: list[float], unit: str) -> str:
 
 def _say_fit(result: Run, numerics: Numerics) -> None:
     """Say what a fit found, and whether it converged."""
+    from psafit.inference.identify import profiled
     from psafit.report.wording import compared
 
     best = result.fit.minima[0]
@@ -219,7 +220,8 @@ def _say_fit(result: Run, numerics: Numerics) -> None:
         click.echo("the best minimum was found by the sampler, not by the search; the result is of it")
     for p in result.summary.parameters:
         strange = p.implausible and p.verdict != "not determined"
-        click.echo(f"  {p.text}" + ("; implausible under its prior" if strange else ""))
+        also = profiled(p.profile, (p.lower, p.upper), p.verdict)
+        click.echo(f"  {p.text}{also}" + ("; implausible under its prior" if strange else ""))
     click.echo(f"posterior: {result.summary.message}")
     other = result.summary.importance
     worst = other.furthest

@@ -321,6 +321,14 @@ def supported(unit: str, points: list[ProfilePoint], interval: tuple[float, floa
     return f"at {side} {resolved(limit, limit)}{'' if unit == '1' else f' {unit}'} (95 %)"
 
 
+def profiled(points: list[ProfilePoint], interval: tuple[float, float], word: str) -> str:
+    """Behind a limit of the profile likelihood: that it is one, and what the posterior has, priors included."""
+    if not points or not word.startswith("bounded"):
+        return ""
+    lower, upper = (resolved(end, (interval[1] - interval[0]) / 2) for end in interval)
+    return f"; that is by the profile likelihood; by the posterior, with its priors: {lower} to {upper} (90 %)"
+
+
 def describe(
     name: str, unit: str, median: float, interval: tuple[float, float], points: list[ProfilePoint], word: str
 ) -> str:

@@ -114,6 +114,10 @@ def test_words_for_each_verdict() -> None:
     )
     assert "at most 2.3 N s/m (95 %)" in identify.describe("c_c", "N s/m", 5.0, (1.0, 9.0), above, "bounded above")
     assert "at least 1.7 (95 %)" in identify.describe("c_c", "1", 5.0, (1.0, 9.0), below, "bounded below")
+    said = identify.profiled(above, (1.0, 9.0), "bounded above")
+    assert said.endswith("by the profile likelihood; by the posterior, with its priors: 1 to 9 (90 %)")
+    plain = ((above, "determined"), (flat, "not determined"), ([], "bounded above"))
+    assert not any(identify.profiled(points, (1.0, 9.0), word) for points, word in plain)
     assert identify.describe("c_c", "1", 5.0, (1.0, 9.0), flat, "not determined").endswith("of its profile closes")
     assert identify.describe("nu", "1", 5.0, (1.0, 9.0), [], "not determined").endswith("narrower than the prior's")
     assert resolved(142537.0, 812.0) == "1.4254e5"
