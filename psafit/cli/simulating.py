@@ -92,6 +92,9 @@ def simulate(
         _refuse_within(readings, {"--out": out, "--plot": plot, "--json": json_file})
     plan = read_plan(experiment)
     groups = plan.groups
+    if not quiet:
+        for line in _taken_for_ranges(groups):
+            click.echo(line, err=True)
     chosen = causes(ids) if ids else ()
     given = asked = _assignments(values)
     tied: list[_Model] = []
@@ -134,6 +137,24 @@ def simulate(
     content = {"terms": [t.id for t in chosen], "parameters": theta, "engine": result.engine}
     write_result(json_file, content | _predictions(groups, predicted, ends))
     return DONE
+
+
+def _taken_for_ranges(groups: Sequence[Conditions]) -> list[str]:
+    """A line for each planned group of launch ranges where no group that was measured reads them."""
+    from psafit.experiment import Group
+    from psafit.observables import LAUNCH_RANGE
+
+    read = list(dict.fromkeys(o for g in groups if isinstance(g, Group) for o in g.observables))
+    if not read or LAUNCH_RANGE in read:
+        return []
+    others, columns = (" and ".join(names) for names in ([o.titles for o in read], [o.column for o in read]))
+    empty = f"empty columns {columns} ask" if len(read) > 1 else f"an empty column {columns} asks"
+    return [
+        f"group {g.id} is planned and read as {LAUNCH_RANGE.titles}, the measured groups as {others};"
+        f" in {shown_path(g.file)}, {empty} for these"
+        for g in groups
+        if not isinstance(g, Group) and g.observables == (LAUNCH_RANGE,)
+    ]
 
 
 def _curves(

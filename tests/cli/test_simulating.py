@@ -224,6 +224,30 @@ def test_a_planned_group_keeps_its_uncertainty(known_folder: Path, tmp_path: Pat
     assert made is not None and made.tolist() == [2.0, 3.0]
 
 
+def test_a_plan_taken_for_ranges_says_so(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    """Where what was measured has speeds and times alone; an empty column asks for these."""
+    folder = shutil.copytree(known_folder, tmp_path / "plan")
+    planned, *others = read_plan(folder).groups
+    for group in others:
+        header = "frequency_hz,amplitude_v,launch_speed_mm_s,contact_time_us\n"
+        (folder / group.file).write_text(f"{header}500,20,0.3,200\n900,20,0.4,150\n", "utf-8")
+    (folder / planned.file).write_text("frequency_hz,amplitude_v\n500,20\n900,20\n", "utf-8")
+    assert run(monkeypatch, "simulate", folder) == 0
+    printed = capsys.readouterr()
+    assert printed.err.splitlines() == [
+        f"group {planned.id} is planned and read as launch ranges, the measured groups as launch speeds and contact"
+        f" times; in {planned.file}, empty columns launch_speed_mm_s and contact_time_us ask for these"
+    ]
+    assert "launch_range_um" in printed.out
+    (folder / planned.file).write_text("frequency_hz,amplitude_v,launch_speed_mm_s\n500,20,\n900,20,\n", "utf-8")
+    assert run(monkeypatch, "simulate", folder) == 0
+    printed = capsys.readouterr()
+    assert not printed.err and "launch_range_um" not in printed.out
+    ranges = shutil.copytree(known_folder, tmp_path / "ranges")
+    (ranges / planned.file).write_text("frequency_hz,amplitude_v\n500,20\n", "utf-8")
+    assert run(monkeypatch, "simulate", ranges) == 0 and not capsys.readouterr().err
+
+
 def test_simulate(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     values = ["--set", "k_c=4e5", "--set", "c_s=9e3", "--set", "c_c=60"]
     assert (
