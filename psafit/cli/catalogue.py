@@ -99,7 +99,7 @@ def _declaration(entry: CauseEntry) -> str:
         _wrapped("at work", f"probability {entry.probability:g} before any reading; {entry.because or 'a surprise'}")
     )
     lines.append(_wrapped("reference", entry.reference))
-    lines += [_wrapped("check" if i == 0 else "", check) for i, check in enumerate(entry.checks)]
+    lines += [_wrapped("by hand" if i == 0 else "", check) for i, check in enumerate(entry.checks)]
     lines.append(_wrapped("simulated", f"by the {entry.path}"))
     lines += [_wrapped("plugin", f"SHA-256 {entry.plugin}...")] if entry.plugin else []
     return "\n".join(lines)

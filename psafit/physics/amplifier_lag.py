@@ -62,7 +62,7 @@ TERM = Term(
     reference="A. J. Fleming and K. K. Leang, Design, Modeling and Control of Nanopositioning Systems, 2014, ch. 14",
     checks=(
         Check(
-            "tau_a adds to the rig's lag: 15 us + 20 us = 35 us",
+            "lags add: one of 15 us that a rig has, and tau_a = 20 us, make 35 us",
             lambda: float(setup(plain_rig(lag=15e-6), np.array([[20e-6]])).lag[0]),
             35e-6,
         ),
