@@ -189,7 +189,8 @@ def _planned(run: Path, out: Path, proposal: int, experiment: Path | None, quiet
         o = sweep.observable
         columns = f"a column {o.column}" + ("" if sweep.sigma is None else f", and your {o.sigma_column},")
         asked = f"fill the column {o.column} of {file}" if o.traced else f"put {columns} into {file}"
-        click.echo(f"once measured, {asked}, then: psafit diagnose {place}")
+        quick = " --quick" * opened.record.quick
+        click.echo(f"once measured, {asked}, then: psafit diagnose {place}{quick}")
     return DONE
 
 

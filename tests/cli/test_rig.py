@@ -201,10 +201,12 @@ def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path:
     assert all(isinstance(g, Group) for g in old) and not isinstance(new, Group)
     assert new.waveform == "sine" and dict(new.changed) == {"l": 0.075} and new.frequency_hz.tolist() == [100.0, 2e4]
     file = tmp_path / "next" / new.file
-    assert str(file) in said
+    assert str(file) in said and said.endswith(f"then: psafit diagnose {tmp_path / 'next'}\n")
     file.write_text("frequency_hz,amplitude_v,launch_range_um\n100,20,5\n20000,20,1\n", "utf-8")
     assert read_experiment(tmp_path / "next").group(new.id).rig(experiment.constants).l == 0.075
+    write_json(folder / "diagnosis.json", replace(make_record(experiment), quick=True), sealed=True)
     assert run(monkeypatch, "plan", folder, "--proposal", 2, "--out", tmp_path / "other") == 0
+    assert capsys.readouterr().out.endswith(f"then: psafit diagnose {tmp_path / 'other'} --quick\n")
     assert read_plan(tmp_path / "other").groups[-1].waveform == "square"
     spoilt, forged = (shutil.copytree(folder, tmp_path / name) for name in ("spoilt", "forged"))
     write_experiment(experiment.with_readings(np.concatenate([g.reading for g in experiment.groups]) + 1),
