@@ -51,7 +51,8 @@ Every cause sits in a slot of the rig:
 At the neutral value of its first parameter it vanishes exactly, and the model is the study's. Bounds say what is
 possible, the prior what is plausible, and its source why. Priors of strengths have a broad part of 5 %: a value far
 beyond the plausible costs a dozen nats and is flagged, it is not forbidden. Each cause says how probable it is to be at
-work before any reading; the prior over sets follows.
+work before any reading; the prior over sets follows. *Checked by hand* are sums that the code must reproduce; they are
+nothing to measure.
 
 Where no cause acts in contact in a way that bends the equations of motion, the launch has a closed form, without any
 time step; otherwise the stepper follows the motion (see [numerics.md](numerics.md)). Either is compared with a scalar

@@ -1,7 +1,7 @@
 r"""From the model set, the tests and the discrepancy to a verdict.
 
 * ``adequate``: the tests find nothing, without heavy tails (`psafit.diagnose.misfit.Misfit.sound`), and the baseline
-  keeps at least one chance in twenty.
+  keeps at least 5 % of what the catalogue's sets have together.
 * ``explained``: one set of causes has 95 % of what the catalogue's sets have together, its fit is as sound as that of
   an adequate baseline must be and breaks no law that holds whatever the causes are (`psafit.inference.laws`), and none
   of its values is implausible. That no other set does as well is said only where those that were not sampled have less
