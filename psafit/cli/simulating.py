@@ -92,9 +92,6 @@ def simulate(
         _refuse_within(readings, {"--out": out, "--plot": plot, "--json": json_file})
     plan = read_plan(experiment)
     groups = plan.groups
-    if not quiet:
-        for line in _taken_for_ranges(groups):
-            click.echo(line, err=True)
     chosen = causes(ids) if ids else ()
     given = asked = _assignments(values)
     tied: list[_Model] = []
@@ -104,7 +101,7 @@ def simulate(
         chosen = chosen or first[0]
         given = of_sessions(plan, *first, known, quiet, seed is not None) | asked
     ends = None if run is None or ids or asked else _intervals(run, plan)
-    say_idle([] if quiet else idle(chosen, groups), err=True)
+    _say_of_conditions(chosen, groups, quiet)
     measured = [OBSERVABLES[k] for k in np.unique(np.concatenate([g.measured for g in groups]))]
     scatter = () if seed is None else tuple(p for o in measured for p in o.scatter)
     theta = completed(plan, chosen, given, asked, scatter, seed)
@@ -137,6 +134,15 @@ def simulate(
     content = {"terms": [t.id for t in chosen], "parameters": theta, "engine": result.engine}
     write_result(json_file, content | _predictions(groups, predicted, ends))
     return DONE
+
+
+def _say_of_conditions(chosen: Sequence[Term], groups: Sequence[Conditions], quiet: bool) -> None:
+    """Say which causes do nothing at these conditions, and which plans may be of another observable than meant."""
+    if quiet:
+        return
+    say_idle(idle(chosen, groups), err=True)
+    for line in _taken_for_ranges(groups):
+        click.echo(line, err=True)
 
 
 def _taken_for_ranges(groups: Sequence[Conditions]) -> list[str]:
