@@ -158,7 +158,7 @@ def example(column: str) -> str:
     return f"{column}={value}:{unit}"
 
 
-def nearest(columns: Iterable[Column], head: Head, column: str) -> str:
-    """The one heading that has a unit of this quantity; empty where there are several."""
-    near = [c.option for c in columns if (u := head.unit(c.place)) and u.kind == COLUMNS[column].unit]
-    return near[0] if len(near) == 1 else ""
+def nearest(columns: Iterable[Column], head: Head, column: str) -> Column | None:
+    """The one column that has a unit of this quantity; None where there are several."""
+    near = [c for c in columns if (u := head.unit(c.place)) and u.kind == COLUMNS[column].unit]
+    return near[0] if len(near) == 1 else None

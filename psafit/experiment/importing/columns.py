@@ -29,7 +29,7 @@ from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Head, names
 from psafit.experiment.importing.numerals import is_number, likeliest
 from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, voltages
-from psafit.experiment.importing.quantities import COLUMNS, LEVELS, QUANTITIES, VOLTS, Volts
+from psafit.experiment.importing.quantities import COLUMNS, LEVELS, QUANTITIES, SUFFIXES, VOLTS, Volts
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.importing.units import Unit, conversion, factor_of, related
 from psafit.experiment.records import CONDITION_COLUMNS
@@ -247,7 +247,7 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
     for column in CONDITION_COLUMNS:
         if not chosen.of(column) and column not in held:
             near, other = nearest(chosen.unused, head, column), _in_other_unit(chosen, head, column)
-            what, remedy = "", f"say {option(near or 'NAME', column, '' if near else EXAMPLES[column][0])}"
+            what, remedy = "", f"say {_called(near, head, column)}"
             if other:
                 what, remedy = other
             ends = [next((c.name for c in chosen.unused if c.heading.name in called), "") for called in LEVELS]
@@ -261,7 +261,8 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
         faults.add(fault(grid, head, f"no launch_range_um among {known}{other[0]}", other[1]))
     elif not chosen.readings:
         near = nearest(chosen.unused, head, "launch_range_um")
-        what, remedy = f"no launch_range_um among {known}", f"say {option(near or 'NAME', 'launch_range_um')}"
+        name = near.option if near else "NAME"
+        what, remedy = f"no launch_range_um among {known}", f"say {option(name, 'launch_range_um')}"
         remedy = f"{remedy}, or as one of {listed(name for name in ERROR_OF.values() if name != 'launch_range_um')}"
         if not near:
             volts = [c.option for c in chosen.unused if in_volts(c, head)]
@@ -273,6 +274,17 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
             what = f"{what}, but {listed(f'{c.column} ({c.name})' for c in chosen.not_yet)}"
             remedy = "psafit cannot use that yet: give a file with launch ranges; it is no launch range"
         faults.add(fault(grid, head, what, remedy))
+
+
+def _called(near: Column | None, head: Head, column: str) -> str:
+    """The option that makes the nearest column a condition; of volts that are not counted with each way to count."""
+    if near is None:
+        return option("NAME", column, EXAMPLES[column][0])
+    unit = head.unit(near.place)
+    if column != "amplitude_v" or unit is None or unit.volts or near.heading.counts:
+        return option(near.option, column)
+    ways = listed(f"{unit.text}{suffix}" for suffix in SUFFIXES.values() if suffix != "pp")
+    return f"{option(near.option, column, f'{unit.text}pp')}, or {ways}, as it is"
 
 
 def _check_unread(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
@@ -306,15 +318,25 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
         unit = _on_scale(grid, head, column, column.unit, faults)
     numbers = [] if unit else [cell for cell in cells(grid, head, column.place) if is_number(cell)]
     own = bool(numbers) and all(isinstance(c, str) and c[-1:].isalpha() for c in numbers)
-    below = head.units[column.place]
+    below, alien = head.units[column.place], _other_kind(head, column, unit)
     if unit and below and not column.mapped and below.factor(target) != unit.factor(target):
         what = f"column {column.name} is in {shown(unit.text)}, and in {shown(below.text)} by the row of units"
         faults.add(fault(grid, head, what, f"say {option(column.option, column.column, target)}, or what it is in"))
-    elif (alien := _other_kind(head, column, unit)) is not None:
+    elif alien:
         faults.add(fault(grid, head, f"column {column.name} {_unread(alien, column.column)}", _how(column, alien)))
+    elif column.heading.computed and not column.unit:
+        what = f"column {column.name} is a quantity times or over a number, and what its numbers are is not clear"
+        plain = f"{unit.text if unit else target}{SUFFIXES['peak'] if column.column == 'amplitude_v' else ''}"
+        remedy = (
+            f"say {option(column.option, column.column, plain)} if they are in {plain} as they stand, or convert them"
+        )
+        faults.add(fault(grid, head, what, remedy))
+        return column
     elif not unit and not own:
         other = {"Hz": "kHz", "V": "mV", "um": "mm", "us": "ms", "mm/s": "m/s"}.get(target, target)
         what = f"column {column.name} gives no unit"
+        if column.column == "amplitude_v" and not (column.heading.counts or options.volts):
+            target, other = f"{target}pp", listed(f"{target}{suffix}" for suffix in (SUFFIXES["peak"], SUFFIXES["rms"]))
         remedy = f"say {option(column.option, column.column, target)}, or another unit such as {other}"
         faults.add(fault(grid, head, what, remedy))
     volts = None
@@ -323,7 +345,7 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
         of = "the drive over time" if column.column == VOLTAGE else column.column
         what = f"column {column.name} is {of}, and its volts are said to be {VOLTS[counted]}"
         faults.add(fault(grid, head, what, f"say {option(column.option, column.column, unit.text)}"))
-    if column.column == "amplitude_v":
+    if column.column == "amplitude_v" and (unit or own) and not alien:
         volts = _volts(grid, head, column, unit, options, own=own, faults=faults)
     return replace(column, unit=unit, volts=volts)
 
@@ -367,14 +389,17 @@ def _volts(
 ) -> Volts | None:
     """How the volts of a column are counted; where each cell says it by itself, that goes before."""
     below = head.units[column.place]
-    said = {v for v in (column.heading.volts, unit.volts if unit else None, below.volts if below else None) if v}
-    if column.mapped:
-        return column.volts or (said.pop() if len(said) == 1 else options.volts or "peak")
+    named = column.heading.counts if column.mapped else column.heading.volts
+    said = {v for v in (named, unit.volts if unit else None, below.volts if below else None) if v}
+    if column.volts:
+        return column.volts
     if len(said) == 1:
         return said.pop()
     if own or (options.volts and not said):
         return options.volts
     what = f"column {column.name}: whether volts are zero to peak, peak to peak or RMS is not said"
-    remedy = f"say --volts {', --volts '.join(VOLTS)}, or {option(column.option, column.column, 'Vpp')}"
+    remedy = f"say --volts {', --volts '.join(VOLTS)}"
+    if unit and unit.scale is None:
+        remedy = f"{remedy}, or {option(column.option, column.column, f'{unit.text}pp')}, as it is"
     faults.add(fault(grid, head, what, remedy))
     return None

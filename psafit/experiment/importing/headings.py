@@ -28,7 +28,9 @@ _BRACKETS = re.compile(r"[(\[<{]([^()\[\]<>{}]*)[)\]>}]")
 _BETWEEN = re.compile(r"\s+in\s+|\s*[/,_:]\s*|\s+")
 # A number with its unit; a unit of many, such as 2 V/div, is none.
 _AT = re.compile(r"(?<![A-Za-z0-9.,])(\d+(?:[.,]\d+)?)\s*([A-Za-zµμ]+(?:-[a-z]+)?)(?![A-Za-z0-9/])")
-_GLUED = re.compile(r"([vu])(pp|pkpk|ss|rms|eff|pk|p)")
+_GLUED = re.compile(r"([vu])(pp|pkpk|ss|rms|eff|0pk|0p|pk|p)")
+# A quantity times or over a number; 1/3 counts.
+_COMPUTED = re.compile(r"[^\W\d]\s*[/*×÷]\s*[\d.]|\d\s*[*×]\s*[^\W\d]")
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,8 @@ class Heading:
         Its text without them.
     repeats : bool
         Whether another column has the same.
+    computed : bool
+        Whether it is a quantity times or over a number, such as ``Vpp/2``.
     """
 
     text: str
@@ -75,6 +79,7 @@ class Heading:
     at: tuple[Condition, ...] = ()
     bare: str = ""
     repeats: bool = False
+    computed: bool = False
 
     @property
     def without_conditions(self) -> Heading:
@@ -87,6 +92,11 @@ class Heading:
     def is_waveform(self) -> bool:
         """Whether waveforms stand in the column."""
         return self.name in WAVEFORM_NAMES and self.unit is None
+
+    @property
+    def counts(self) -> Volts | None:
+        """How its volts are counted, if it is an amplitude, whatever else its name says: ``Generator Vpp``."""
+        return None if self.computed else self.volts or _counting(self.name)
 
     @property
     def drives(self) -> bool:
@@ -147,7 +157,7 @@ def heading(text: str) -> Heading:
     first, _, others = name.partition(" ")
     if first in LOGARITHMS and others:
         name, found = others, Unit(f"{first} {found.text if found else ''}".strip())
-    return Heading(text, name, found, volts, number, "", *_conditions(text))
+    return Heading(text, name, found, volts, number, "", *_conditions(text), computed=bool(_COMPUTED.search(rest)))
 
 
 def _conditions(text: str) -> tuple[tuple[Condition, ...], str]:
@@ -205,13 +215,36 @@ def _counted(name: str, found: Unit | None) -> tuple[str, Volts | None]:
     volts = found.volts if found else None
     if found and found.kind != "V":
         return name, None
-    said = " ".join(" ".join(glued.groups()) if (glued := _GLUED.fullmatch(w)) else w for w in name.split())
+    said = _unglued(name)
     for phrases in COUNTED.values():
         for phrase in phrases:
-            less = re.sub(rf"(?:^| ){re.escape(phrase)}(?= |$)", "", said).strip()
+            less = _without(phrase, said)
             if less != said and _may_be_volts(less):
                 return less, volts or counted(phrase)
     return name, volts
+
+
+def _unglued(name: str) -> str:
+    """A name with ``v pp`` for ``vpp``."""
+    return " ".join(" ".join(glued.groups()) if (glued := _GLUED.fullmatch(w)) else w for w in name.split())
+
+
+def _without(phrase: str, name: str) -> str:
+    return re.sub(rf"(?:^| ){re.escape(phrase)}(?= |$)", "", name).strip()
+
+
+def _counting(name: str) -> Volts | None:
+    """How a name with any other words counts volts; None where it says nothing, or two things.
+
+    A word of a longer phrase, such as `peak`, says nothing among words that are not known: ``peak above trough``.
+    """
+    left, found = _unglued(name), set()
+    parts = {word for phrases in COUNTED.values() for phrase in phrases if " " in phrase for word in phrase.split()}
+    for phrase in sorted((p for phrases in COUNTED.values() for p in phrases), key=len, reverse=True):
+        if phrase not in parts and _without(phrase, left) != left:
+            left = _without(phrase, left)
+            found.add(counted(phrase))
+    return found.pop() if len(found) == 1 else None
 
 
 def _may_be_volts(name: str) -> bool:

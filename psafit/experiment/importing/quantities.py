@@ -105,14 +105,25 @@ GENERIC = {
     "reading", "measurement", "trial", "shot", "run", "rep", "repeat", "replicate", "r", "messung", "messwert", "wurf",
     "versuch", "essai",
 }  # fmt: skip
-# How a voltage is counted.
+# How a voltage is counted, in several languages.
 COUNTED: dict[Volts, tuple[str, ...]] = {
     "pp": (
-        "peak to peak", "peak peak", "pk to pk", "pk pk", "pkpk", "p to p", "p p", "pp", "ptp", "spitze spitze", "ss",
+        "peak to peak", "peak peak", "peak2peak", "peak to valley", "peak to trough", "pk to pk", "pk pk", "pkpk",
+        "pk2pk", "p to p", "p p", "p2p", "pp", "ptp", "spitze spitze", "spitze zu spitze", "spitze tal", "ss", "crête à crête",
+        "crete a crete", "crête crête", "crete crete", "c à c", "c a c", "pico a pico", "picco picco",
+        "picco a picco",
     ),
-    "rms": ("rms", "eff", "effektiv", "effective"),
-    "peak": ("zero to peak", "0 to peak", "0 peak", "0 pk", "0 p", "0p", "peak", "pk", "p", "spitze", "scheitel"),
+    "rms": (
+        "rms", "eff", "effektiv", "effektivwert", "effective", "efficace", "valeur efficace", "eficaz",
+        "root mean square",
+    ),
+    "peak": (
+        "zero to peak", "0 to peak", "0 peak", "0 pk", "0 p", "0p", "peak", "pk", "p", "spitze", "spitzenwert",
+        "scheitel", "scheitelwert", "crête", "crete",
+    ),
 }  # fmt: skip
+SUFFIXES: dict[Volts, str] = {"peak": "p", "pp": "pp", "rms": "rms"}
+"""What stands behind a unit of volts that are counted so."""
 VOLTS: dict[Volts, str] = {"peak": "zero to peak", "pp": "peak to peak", "rms": "RMS"}
 WAVEFORM_NAMES = {"waveform", "wave form", "wave", "signalform", "kurvenform", "wellenform"}
 # What is one over a frequency.

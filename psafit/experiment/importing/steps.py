@@ -131,7 +131,7 @@ def _stated(grid: Grid, head: Head, places: Sequence[int]) -> tuple[str, Decimal
     if not near and len({step for _, _, step in said}) == 1 and (step := said[0][2]):
         return said[0][1], step
     what = f"samples, and no {TIME} among {all_headings(head) or 'the columns'}"
-    remedy = f"say {option(near or 'NAME', TIME, '' if near else 'us')}"
+    remedy = f"say {option(near.option if near else 'NAME', TIME, '' if near else 'us')}"
     if not near:
         remedy = f"say their step, --step 1:us, or their rate, --step 1:MHz; of a time that is there {remedy[4:]}"
     if said and not near:

@@ -1,0 +1,104 @@
+"""What a heading leaves open is asked for, and what the line proposes reads the file right."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from psafit.errors import InputError
+from psafit.experiment.importing import Mapping, Options, Table, read_files
+from psafit.experiment.importing.units import unit
+
+
+def tables(folder: Path, content: str, **said: Any) -> list[Table]:
+    file = folder / "in.csv"
+    file.write_text(content, encoding="utf-8")
+    return read_files([file], Options(**({"waveforms": ("sine",)} | said)))
+
+
+def refused(folder: Path, content: str, **said: Any) -> str:
+    """The one line that is said of a file."""
+    with pytest.raises(InputError) as caught:
+        tables(folder, content, **said)
+    (line,) = str(caught.value).splitlines()
+    assert line.isprintable() and len(line) < 500
+    return line
+
+
+def mapped(text: str) -> Mapping:
+    """What ``--column`` makes of a text without scales."""
+    heading, _, said = text.rpartition("=")
+    column, _, named = said.partition(":")
+    return Mapping(heading, column, unit(named) if named else None)
+
+
+def proposed(line: str) -> list[Mapping]:
+    """The columns that a line proposes."""
+    words = shlex.split(re.sub(r"[,;](?= |$)", "", line.partition("; ")[2]))
+    return [mapped(words[k + 1]) for k, word in enumerate(words) if word == "--column"]
+
+
+# --- how volts are counted ----------------------------------------------------------------------------------------
+
+COUNTED = {
+    "Tension crête à crête (V)": 20.0, "Tension crete a crete (V)": 20.0, "Tension c-à-c [V]": 20.0,
+    "Spannung Uss in mV": 0.02, "Spannung Spitze-Spitze (V)": 20.0, "Amplitude Vpp (V)": 20.0, "CH1 Pk-Pk (V)": 20.0,
+    "Peak-to-valley (V)": 20.0, "Generator Vpp (V)": 20.0, "Tensión pico a pico (V)": 20.0,
+    "CH1 RMS (V)": 40 * 2**0.5, "Tension efficace (V)": 40 * 2**0.5, "Effektivwert U (V)": 40 * 2**0.5,
+    "U0p / V": 40.0, "amplitude_v": 40.0,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "peak"), COUNTED.items())
+def test_a_column_is_counted_as_its_heading_says(name: str, peak: float, tmp_path: Path) -> None:
+    """Known or named by the user."""
+    content = f"f (Hz);{name};Range (um)\n1200;40;76\n1300;40;75\n"
+    for said in ((mapped(f"{name}=amplitude_v"),), ()):
+        try:
+            (table,) = tables(tmp_path, content, columns=said)
+        except InputError as fault:
+            assert not said
+            (table,) = tables(tmp_path, content, columns=tuple(proposed(str(fault))[:1]))
+        assert table.groups[0].amplitude_v == pytest.approx([peak, peak], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "name", ["Generator output (V)", "Vamp (V)", "Peak above trough (V)", "Level (mV)", "Pp RMS (V)"]
+)
+def test_an_amplitude_that_nobody_counts_is_asked_for(name: str, tmp_path: Path) -> None:
+    content = f"f (Hz);{name};Range (um)\n1200;40;76\n"
+    for text in (f"{name}=amplitude_v", f"{name}=amplitude_v:V"):
+        asked = refused(tmp_path, content, columns=(mapped(text),))
+        assert "whether volts are zero to peak, peak to peak or RMS is not said" in asked
+    asked = refused(tmp_path, content, columns=(mapped(f"{name}=amplitude_v"),))
+    (as_said,) = proposed(asked)
+    (table,) = tables(tmp_path, content, columns=(as_said,))
+    assert table.groups[0].amplitude_v[0] == (0.02 if "mV" in name else 20.0)
+    if "RMS" not in name:
+        (table,) = tables(tmp_path, content, columns=(mapped(f"{name}=amplitude_v"),), volts="pp")
+        assert table.groups[0].amplitude_v[0] == (0.02 if "mV" in name else 20.0)
+        first = refused(tmp_path, content)
+        assert f"=amplitude_v:{'mV' if 'mV' in name else 'V'}pp', or " in first
+
+
+def test_an_amplitude_without_a_unit_is_asked_for_its_count_at_once(tmp_path: Path) -> None:
+    asked = refused(tmp_path, "f (Hz);Level;Range (um)\n1200;40;76\n", columns=(mapped("Level=amplitude_v"),))
+    assert "gives no unit; say --column Level=amplitude_v:Vpp, or another unit such as Vp, Vrms" in asked
+
+
+@pytest.mark.parametrize(
+    ("name", "column"), [("Vpp/2 (V)", "amplitude_v"), ("0.5*Vpp (V)", "amplitude_v"), ("f / 2 (Hz)", "frequency_hz")]
+)
+def test_a_quantity_over_a_number_is_not_computed(name: str, column: str, tmp_path: Path) -> None:
+    other = {"amplitude_v": "f (Hz)", "frequency_hz": "Vp"}[column]
+    content = f"{other};{name};Range (um)\n40;40;76\n"
+    asked = refused(
+        tmp_path, content, columns=(mapped(f"{name}=amplitude_v") if "Vpp" in name else mapped(f"{name}={column}"),)
+    )
+    assert "times or over a number" in asked
+    (table,) = tables(tmp_path, content, columns=tuple(proposed(asked)))
+    assert getattr(table.groups[0], column)[0] == 40.0
