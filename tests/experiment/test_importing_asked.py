@@ -102,3 +102,48 @@ def test_a_quantity_over_a_number_is_not_computed(name: str, column: str, tmp_pa
     assert "times or over a number" in asked
     (table,) = tables(tmp_path, content, columns=tuple(proposed(asked)))
     assert getattr(table.groups[0], column)[0] == 40.0
+
+
+# --- whose motion it is -------------------------------------------------------------------------------------------
+
+HELD: dict[str, Any] = {"values": (("frequency_hz", 1200.0), ("amplitude_v", 20.0))}
+
+
+def recording(*headings: str, n: int = 12) -> str:
+    lines = (";".join(str(k * k + place) for place, _ in enumerate(headings)) for k in range(n))
+    return "\n".join([f"Time (us);{';'.join(headings)}", *(f"{5 * k};{line}" for k, line in enumerate(lines)), ""])
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Stack displacement", "Piezo displacement", "Actuator position", "Tip displacement", "Aktor Auslenkung", "Tip"],
+)
+def test_a_displacement_of_the_stack_is_the_tips(name: str, tmp_path: Path) -> None:
+    (table,) = tables(tmp_path, recording(f"{name} (um)"), **HELD)
+    assert [g.observable.column for g in table.groups] == ["tip_displacement_um"]
+    (table,) = tables(tmp_path, recording("Ball displacement (um)", f"{name} (um)"), **HELD)
+    assert [g.observable.column for g in table.groups] == ["displacement_um", "tip_displacement_um"]
+    assert [g.reading[1] for g in table.groups] == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("name", ["Piezo velocity (mm/s)", "Stack speed (m/s)", "Tip velocity (mm/s)"])
+def test_a_speed_of_the_stack_is_none_of_the_ball(name: str, tmp_path: Path) -> None:
+    asked = refused(tmp_path, recording(name), **HELD)
+    assert f"none is a motion that psafit reads: tip_velocity_mm_s ('{name}')" in asked and "--column" not in asked
+    asked = refused(tmp_path, f"f (Hz);Vp;{name}\n1200;20;5\n")
+    assert f"but tip_velocity_mm_s ('{name}')" in asked and "--column" not in asked
+    (table,) = tables(tmp_path, recording("Ball displacement (um)", name), **HELD)
+    assert table.not_yet == ((name, "tip_velocity_mm_s"),)
+    assert [g.observable.column for g in table.groups] == ["displacement_um"]
+
+
+@pytest.mark.parametrize("name", ["Stack displacement (um)", "Drive distance (um)"])
+def test_a_distance_of_the_stack_is_not_proposed_as_a_launch_range(name: str, tmp_path: Path) -> None:
+    assert "=launch_range_um" not in refused(tmp_path, f"f (Hz);Vp;{name}\n1200;20;5\n").replace("NAME=", "")
+
+
+def test_a_motion_that_could_be_two_is_asked_for(tmp_path: Path) -> None:
+    asked = refused(tmp_path, recording("Vibrometer"), **HELD)
+    assert "column 'Vibrometer' could be displacement_um or velocity_mm_s; say which, with its unit: " in asked
+    (table,) = tables(tmp_path, recording("Vibrometer"), **HELD, columns=tuple(proposed(asked)))
+    assert table.groups[0].observable.column == "displacement_um"

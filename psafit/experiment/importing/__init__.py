@@ -39,7 +39,7 @@ from psafit.files import read_bytes
 
 SETTABLE = (*HELD, *SETTINGS, *SHAPES)
 """What may be given for a whole table."""
-COLUMN_NAMES = (*COLUMNS, WAVEFORM, GROUPS, IGNORED)
+COLUMN_NAMES = (*(name for name, q in COLUMNS.items() if q.usable), WAVEFORM, GROUPS, IGNORED)
 """What `--column` may call a column."""
 
 Read = TypeVar("Read")

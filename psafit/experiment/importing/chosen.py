@@ -11,7 +11,7 @@ from psafit.experiment.drive_table import RECORDED
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.headings import Condition, Heading
 from psafit.experiment.importing.layout import Head
-from psafit.experiment.importing.quantities import COLUMNS, Volts
+from psafit.experiment.importing.quantities import COLUMNS, Quantity, Volts
 from psafit.experiment.importing.records import Options
 from psafit.experiment.importing.units import Unit
 from psafit.experiment.records import CONDITION_COLUMNS
@@ -160,5 +160,11 @@ def example(column: str) -> str:
 
 def nearest(columns: Iterable[Column], head: Head, column: str) -> Column | None:
     """The one column that has a unit of this quantity; None where there are several."""
-    near = [c for c in columns if (u := head.unit(c.place)) and u.kind == COLUMNS[column].unit]
+    near = [c for c in columns if nearly(c, head, COLUMNS[column])]
     return near[0] if len(near) == 1 else None
+
+
+def nearly(column: Column, head: Head, quantity: Quantity) -> bool:
+    """Whether it has a unit of a quantity, and is not said to be of another part of the rig."""
+    unit, other = head.unit(column.place), column.heading.of_tip != (quantity.part == "tip")
+    return unit is not None and unit.kind == quantity.unit and not (other and quantity.part in ("ball", "tip"))

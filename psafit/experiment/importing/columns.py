@@ -22,6 +22,7 @@ from psafit.experiment.importing.chosen import (
     fault,
     in_volts,
     nearest,
+    nearly,
     option,
     role,
 )
@@ -230,15 +231,25 @@ def _check_motion(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
     if times and not chosen.readings and not chosen.of("frequency_hz"):
         looks = f"column {times[0].name} looks like a trace over time, but none is a motion"
         what = f"no frequency_hz among {all_headings(head)}: {looks}"
-        moving = {q.unit: q.column for q in reversed(QUANTITIES) if q.role == "trace"}
-        units = [(c, u.kind) for c in chosen.unused if (u := head.unit(c.place)) and u.kind in moving]
-        if len(units) == 1:
-            remedy = f"say {option(units[0][0].option, moving[units[0][1]])} if it is that of the ball"
+        moving = {q: [c for c in chosen.unused if nearly(c, head, q)] for q in QUANTITIES if q.role == "trace"}
+        near = [(c, q) for q, columns in moving.items() for c in columns]
+        if chosen.not_yet:
+            what = f"{what} that psafit reads: {_not_yet(chosen)}"
+            remedy = "give the tip's displacement, or a motion of the ball"
+        elif len(near) == 1:
+            ((column, motion),) = near
+            remedy = f"say {option(column.option, motion.column)} if it is that of the {motion.part}"
         else:
-            volts = [c.option for c in (*chosen.unused, *chosen.of("amplitude_v")) if in_volts(c, head)]
+            others = (c for c in (*chosen.unused, *chosen.of("amplitude_v")) if not c.heading.of_tip)
+            volts = [c.option for c in others if in_volts(c, head)]
             scale = option(volts[-1] if volts else "NAME", "velocity_mm_s", "5mm/s/V")
             remedy = f"say what one volt is, such as {scale} or 2um/V, of displacement_um"
         faults.add(fault(grid, head, what, remedy))
+
+
+def _not_yet(chosen: Chosen) -> str:
+    """What psafit knows and cannot use."""
+    return listed(f"{c.column} ({c.name})" for c in chosen.not_yet)
 
 
 def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
@@ -271,7 +282,7 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
         if times:
             remedy = f"{remedy}; of traces, sort the rows by trace and time: each has {options.least_samples} or more"
         if chosen.not_yet:
-            what = f"{what}, but {listed(f'{c.column} ({c.name})' for c in chosen.not_yet)}"
+            what = f"{what}, but {_not_yet(chosen)}"
             remedy = "psafit cannot use that yet: give a file with launch ranges; it is no launch range"
         faults.add(fault(grid, head, what, remedy))
 

@@ -15,6 +15,7 @@ from psafit.experiment.importing.quantities import (
     DRIVING,
     GENERIC,
     NEUTRAL,
+    PARTS,
     PERIODS,
     QUANTITIES,
     WAVEFORM_NAMES,
@@ -99,6 +100,11 @@ class Heading:
         return None if self.computed else self.volts or _counting(self.name)
 
     @property
+    def of_tip(self) -> bool:
+        """Whether its words name the stack or its end, and so no motion of the ball."""
+        return not PARTS["tip"].isdisjoint(self.name.split())
+
+    @property
     def drives(self) -> bool:
         """Whether its words are those of the drive's voltage and of nothing else, such as ``CH1 (V) drive``."""
         said = {word.rstrip("0123456789") for word in self.name.split()} - {""}
@@ -123,7 +129,9 @@ class Heading:
         return self._called(quantity, None) or (quantity.column == "frequency_hz" and self.name in PERIODS)
 
     def _called(self, quantity: Quantity, said: Unit | None) -> bool:
-        bare = " ".join(w for w in self.name.split() if w not in NEUTRAL)
+        bare = quantity.bare(self.name)
+        if bare is None:
+            return False
         if not bare:  # a unit alone says what it is of
             return "" in quantity.names and said is not None
         return bare in quantity.names or self.name in quantity.names
@@ -249,5 +257,4 @@ def _counting(name: str) -> Volts | None:
 
 def _may_be_volts(name: str) -> bool:
     """Whether a name without `peak` and the like is that of a voltage."""
-    left = " ".join(w for w in name.split() if w not in NEUTRAL)
-    return left in COLUMNS["amplitude_v"].names
+    return COLUMNS["amplitude_v"].bare(name) in COLUMNS["amplitude_v"].names

@@ -218,8 +218,14 @@ def _is_constant(timed: _Timed, held: Sequence[int], place: int, options: Option
 
 
 def check_trace(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
-    """A trace has a frequency and an amplitude: in columns, or given."""
+    """A trace has a motion, a frequency and an amplitude: in columns, or given."""
     missing = []
+    for column in () if chosen.readings else chosen.unused:
+        could = column.heading.over_time(head.units[column.place])
+        if motion := next((q for q in could if q.role == "trace"), None):
+            what = f"column {column.name} could be {' or '.join(q.column for q in could)}"
+            remedy = f"say which, with its unit: {option(column.option, motion.column, motion.unit)}"
+            faults.add(fault(grid, head, what, remedy))
     for name in CONDITION_COLUMNS:
         columns = chosen.of(name)
         motions = [c for c in chosen.columns if role(c.column) == "trace"]

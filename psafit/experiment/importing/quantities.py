@@ -29,21 +29,44 @@ class Quantity:
         Unit in which psafit keeps it.
     names : tuple of str
         What it is called, in words of small letters.
-    role : {"condition", "reading", "error", "drive", "time", "trace", "recording"}
+    role : {"condition", "reading", "error", "drive", "time", "trace", "recording", "other"}
         What of an experiment it is; `"error"` is the known error of a reading, `"trace"` what is read over `"time"`,
-        `"recording"` the drive that was recorded next to it.
+        `"recording"` the drive that was recorded next to it, `"other"` what psafit knows and cannot use.
+    part : {"", "ball", "drive", "tip"}
+        What of the rig it is of, which a heading may name; the tip must be named.
     """
 
     column: str
     unit: str
     names: tuple[str, ...]
-    role: Literal["condition", "reading", "error", "drive", "time", "trace", "recording"]
+    role: Literal["condition", "reading", "error", "drive", "time", "trace", "recording", "other"]
+    part: Literal["", "ball", "drive", "tip"] = ""
+
+    def bare(self, name: str) -> str | None:
+        """A name without the words of the part that it is of; None where these are missing."""
+        said, of = name.split(), PARTS[self.part]
+        if self.part == "tip" and of.isdisjoint(said):
+            return None
+        return " ".join(word for word in said if word not in of | NEUTRAL)
 
     @property
     def usable(self) -> bool:
         """Whether psafit can use it."""
         return self.role == "drive" or any(self.column in of.LIMITS for of in (table, trace_table, drive_table))
 
+
+# Words that say nothing of what is measured. "Generator", "input" and "monitor" are none: an amplifier lies between.
+NEUTRAL = {"measured", "the"}
+# Words that say which part of the rig something is of. The tip is the end of the stack.
+PARTS: dict[str, set[str]] = {
+    "": set(),
+    "ball": {"ball", "kugel", "bille", "vib", "vibration"},
+    "drive": {"drive", "driving", "excitation", "stack", "piezo", "applied"},
+    "tip": {
+        "tip", "stack", "piezo", "actuator", "transducer", "drive", "driving", "spitze", "stapel", "aktor", "aktuator",
+        "piezoaktor", "piezostapel", "antrieb", "actionneur",
+    },
+}  # fmt: skip
 
 _RANGES = (
     "launch range", "range", "launch distance", "distance", "flight distance", "launch", "throw", "wurfweite", "weite",
@@ -61,10 +84,12 @@ _TENSIONS = (
 )  # fmt: skip
 _ERRORS = ("sigma", "standard uncertainty", "standardunsicherheit")
 _READINGS = (
-    Quantity("launch_range_um", "um", _RANGES, "reading"),
-    Quantity("launch_speed_mm_s", "mm/s", _SPEEDS, "reading"),
-    Quantity("contact_time_us", "us", ("contact time", "contact duration", "kontaktzeit", "kontaktdauer"), "reading"),
-    Quantity("peak_force_n", "N", ("peak force", "contact force", "force", "kraft", "kontaktkraft"), "reading"),
+    Quantity("launch_range_um", "um", _RANGES, "reading", "ball"),
+    Quantity("launch_speed_mm_s", "mm/s", _SPEEDS, "reading", "ball"),
+    Quantity(
+        "contact_time_us", "us", ("contact time", "contact duration", "kontaktzeit", "kontaktdauer"), "reading", "ball"
+    ),
+    Quantity("peak_force_n", "N", ("peak force", "contact force", "force", "kraft", "kontaktkraft"), "reading", "ball"),
 )
 _SIGMA = {o.column: o.sigma_column for o in OF_LAUNCHES}
 
@@ -75,25 +100,28 @@ def _of(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 QUANTITIES = (
-    Quantity("frequency_hz", "Hz", ("frequency", "freq", "f", "frequenz", "frequence", "fréquence", ""), "condition"),
-    Quantity("amplitude_v", "V", _TENSIONS, "condition"),
+    Quantity(
+        "frequency_hz", "Hz", ("frequency", "freq", "f", "frequenz", "frequence", "fréquence", ""), "condition", "drive"
+    ),
+    Quantity("amplitude_v", "V", _TENSIONS, "condition", "drive"),
     *_READINGS,
-    *(Quantity(_SIGMA[r.column], r.unit, (*_ERRORS, *_of(r.names)), "error") for r in _READINGS),
-    Quantity("bias_v", "V", ("bias", "offset", "dc offset", "dc bias", "offset voltage", "bias voltage"), "drive"),
-    Quantity("idle_v", "V", ("idle", "idle voltage", "rest voltage", "ruhespannung"), "drive"),
+    *(Quantity(_SIGMA[r.column], r.unit, (*_ERRORS, *_of(r.names)), "error", "ball") for r in _READINGS),
+    Quantity(
+        "bias_v", "V", ("bias", "offset", "dc offset", "dc bias", "offset voltage", "bias voltage"), "drive", "drive"
+    ),
+    Quantity("idle_v", "V", ("idle", "idle voltage", "rest voltage", "ruhespannung"), "drive", "drive"),
     Quantity("voltage_v", "V", (), "recording"),  # `Heading.drives` says which column is one
     Quantity("time_us", "us", ("time", "t", "elapsed time", "zeit", "temps", "x axis", ""), "time"),
-    Quantity("displacement_um", "um", _PLACES, "trace"),
-    Quantity("velocity_mm_s", "mm/s", _VELOCITIES, "trace"),
-    Quantity("tip_displacement_um", "um", ("tip displacement", "tip position", "spitze"), "trace"),
+    Quantity("displacement_um", "um", _PLACES, "trace", "ball"),
+    Quantity("velocity_mm_s", "mm/s", _VELOCITIES, "trace", "ball"),
+    Quantity("tip_displacement_um", "um", (*_PLACES, ""), "trace", "tip"),
+    Quantity("tip_velocity_mm_s", "mm/s", (*_VELOCITIES, ""), "other", "tip"),
 )
 COLUMNS = {quantity.column: quantity for quantity in QUANTITIES}
 # What pint calls the units of this field, prefixes left out: it knows hundreds of others, with short names.
 BASES = ("hertz", "volt", "meter", "micron", "inch", "thou", "second", "newton", "gram")
 UNITS = tuple(dict.fromkeys(quantity.unit for quantity in QUANTITIES))
 
-# Words that say nothing of what is measured. "Generator", "input" and "monitor" are none: an amplifier lies between.
-NEUTRAL = {"measured", "vib", "vibration", "drive", "driving", "excitation", "ball", "stack", "piezo", "applied", "the"}
 # Words of the drive's voltage itself, and those that name where it was recorded.
 DRIVING = {"drive", "driving", "excitation", "stack", "piezo", "applied", "antrieb", "antriebsspannung", "ansteuerung"}
 CHANNELS = {
@@ -109,8 +137,8 @@ GENERIC = {
 COUNTED: dict[Volts, tuple[str, ...]] = {
     "pp": (
         "peak to peak", "peak peak", "peak2peak", "peak to valley", "peak to trough", "pk to pk", "pk pk", "pkpk",
-        "pk2pk", "p to p", "p p", "p2p", "pp", "ptp", "spitze spitze", "spitze zu spitze", "spitze tal", "ss", "crête à crête",
-        "crete a crete", "crête crête", "crete crete", "c à c", "c a c", "pico a pico", "picco picco",
+        "pk2pk", "p to p", "p p", "p2p", "pp", "ptp", "spitze spitze", "spitze zu spitze", "spitze tal", "ss",
+        "crête à crête", "crete a crete", "crête crête", "crete crete", "c à c", "c a c", "pico a pico", "picco picco",
         "picco a picco",
     ),
     "rms": (
