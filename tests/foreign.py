@@ -68,7 +68,7 @@ PEAKS = {
     "peak": ["{}p", "{}pk", "{} peak"],
     "rms": ["{}rms", "{}RMS", "{}_rms", "{}eff"],
 }
-EXTRAS = ["Temperature (°C)", "Bemerkung", "Operator", "No.", "Humidity (%)", "Phase (deg)", "File"]
+EXTRAS = ["Temperature (°C)", "Bemerkung", "Operator", "No.", "Humidity (%)", "Phase lag (deg)", "File"]
 PREAMBLE = [
     "Model,DSOX2024A", "Record Length;41;points", "Datum: 3.11.2026", "Prüfer: M. Müller; Halle 2", "",
     "# made by logger 2.1, channel 1", "Serial number\tMY123,456", "Sample interval, 1.0e-6, s", "Launch tests",

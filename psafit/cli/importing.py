@@ -234,7 +234,7 @@ def _columns_text(table: Table) -> list[str]:
     for example in table.examples:
         readings = "; ".join(
             ", ".join(
-                f"{column.removesuffix('_v') if column in SETTINGS else ''} {value:.10g} {COLUMNS[column].unit}".strip()
+                f"{column.partition('_')[0] if column in SETTINGS else ''} {value:.10g} {COLUMNS[column].unit}".strip()
                 for column, value in reading
             )
             for reading in example.readings
@@ -247,8 +247,9 @@ def _columns_text(table: Table) -> list[str]:
         drive = f"drive of {reach(g.drive.table)}" if g.drive.table else g.waveform
         bias = f" on {g.drive.bias_v:.4g} V" if g.drive.bias_v else ""
         at_rest = f" from {g.drive.idle_v:.4g} V" if g.drive.idle_v else ""
+        phase = f" at {g.drive.phase_deg:g} degrees" if g.drive.phase_deg else ""
         lasts = f" for {g.drive.cycles:g} periods" if g.drive.cycles < math.inf else ""
-        lines.append(f"  group {g.id}: {drive}{bias}{at_rest}{lasts}, {read}, {g.file}")
+        lines.append(f"  group {g.id}: {drive}{bias}{at_rest}{phase}{lasts}, {read}, {g.file}")
     return lines
 
 

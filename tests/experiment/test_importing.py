@@ -303,7 +303,7 @@ def test_an_import_prints_its_labels_and_proposes_what_new_does(
     assert run(monkeypatch, "import", "a.csv", *given) == 0
     printed = capsys.readouterr().out
     assert "\n  'Day 1' has 3 labels; --column 'Day 1=group' makes a group of each\n" in printed
-    assert "group 1: sine for 5 periods, 6 readings" in printed
+    assert "group 1: sine at -30 degrees for 5 periods, 6 readings" in printed
     assert run(monkeypatch, "new", "begun") == 0
     written, begun = (Path(folder, "experiment.toml").read_text("utf-8") for folder in ("rig", "begun"))
     for table in ("rig", "limits"):

@@ -7,10 +7,15 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from commands import run
+from keyed import CONSTANTS
 
+from psafit.drives import Drive
 from psafit.errors import InputError
-from psafit.experiment.importing import Mapping, Options, Table, read_files
+from psafit.experiment import read_experiment
+from psafit.experiment.importing import Imported, Mapping, Options, Table, read_files, write_import
 from psafit.experiment.importing.units import unit
 
 
@@ -147,3 +152,99 @@ def test_a_motion_that_could_be_two_is_asked_for(tmp_path: Path) -> None:
     assert "column 'Vibrometer' could be displacement_um or velocity_mm_s; say which, with its unit: " in asked
     (table,) = tables(tmp_path, recording("Vibrometer"), **HELD, columns=tuple(proposed(asked)))
     assert table.groups[0].observable.column == "displacement_um"
+
+
+# --- what else a table says of the drive --------------------------------------------------------------------------
+
+SETTINGS: dict[str, tuple[str, str, Drive]] = {
+    "psafit's phase": ("phase_deg", "90", Drive("sine", phase_deg=90.0)),
+    "a phase": ("Start phase (deg)", "90", Drive("sine", phase_deg=90.0)),
+    "a phase with a sign": ("Starting phase (°)", "-30", Drive("sine", phase_deg=-30.0)),
+    "radians": ("Burst phase (rad)", "0.5", Drive("sine", phase_deg=90 / np.pi)),
+    "psafit's cycles": ("cycles", "3", Drive("sine", cycles=3.0)),
+    "a burst": ("Burst cycles", "3", Drive("sine", cycles=3.0)),
+    "periods": ("Number of periods", "2.5", Drive("sine", cycles=2.5)),
+}
+
+
+@pytest.mark.parametrize(("name", "cell", "drive"), SETTINGS.values(), ids=SETTINGS.keys())
+def test_settings_of_the_drive_stand_in_columns(name: str, cell: str, drive: Drive, tmp_path: Path) -> None:
+    """Each makes a group, and stands in its definition."""
+    content = f"f (Hz);Vp;Range (um);{name}\n1200;20;76;{cell}\n1300;20;75;{cell}\n1300;20;75;1\n"
+    (table,) = tables(tmp_path, content)
+    first, second = (group.drive for group in table.groups)
+    assert (first.phase_deg, first.cycles) == pytest.approx((drive.phase_deg, drive.cycles), rel=1e-12)
+    assert second != first and [g.n_points for g in table.groups] == [2, 1]
+    write_import(Imported((table,), CONSTANTS), tmp_path)
+    assert read_experiment(tmp_path).groups[0].drive == first
+
+
+def test_settings_are_given_once(tmp_path: Path) -> None:
+    asked = refused(tmp_path, "f (Hz);Vp;Range (um);cycles\n1200;20;76;3\n", values=(("cycles", 4.0),))
+    assert "cycles is given, and column 'cycles' holds it" in asked
+
+
+def test_settings_are_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "in.csv"
+    file.write_text("f (Hz);Vp;Range (um);phase_deg;cycles\n1200;20;76;90;3\n", encoding="utf-8")
+    assert run(monkeypatch, "import", file, "--out", tmp_path / "out", "--waveform", "sine") == 0
+    shown = capsys.readouterr().out
+    assert "phase 90 deg, cycles 3 periods" in shown
+    assert "group 1: sine at 90 degrees for 3 periods, 1 reading" in shown
+
+
+MATTERS = {
+    "a phase": ("Phase (deg)", "90", "0", "may be phase_deg of the drive, or another quantity"),
+    "direct voltage": ("DC (V)", "10", "0", "may be bias_v of the drive"),
+    "direct voltage in short": ("U_DC / V", "10", "0", "may be bias_v of the drive"),
+    "without a unit": ("Vdc", "10", "0", "may be bias_v of the drive"),
+    "duty": ("Duty (%)", "20", "50", "psafit has no such setting; give the voltage with --drive FILE"),
+    "gain": ("Amplifier gain", "10", "1", "psafit has no such setting; give volts behind the amplifier"),
+    "a string": ("String length (mm)", "60", "", "is l of the rig"),
+    "a ball": ("Ball mass (g)", "27", "", "is M of the rig"),
+}
+
+
+@pytest.mark.parametrize(("name", "cell", "nothing", "said"), MATTERS.values(), ids=MATTERS.keys())
+def test_what_matters_is_asked_for(name: str, cell: str, nothing: str, said: str, tmp_path: Path) -> None:
+    content = "f (Hz);Vp;Range (um);{0}\n1200;20;76;{1}\n1300;20;75;{1}\n"
+    asked = refused(tmp_path, content.format(name, cell))
+    assert said in asked and proposed(asked)[-1] == Mapping(name, "ignore")
+    for way in proposed(asked):
+        (table,) = tables(tmp_path, content.format(name, cell), columns=(way,), values=(("idle_v", 0.0),))
+        drive = table.groups[0].drive
+        assert (drive == Drive("sine")) == (way.column == "ignore")
+        assert way.column == "ignore" or getattr(drive, way.column) == float(cell)
+    (table,) = tables(tmp_path, content.format(name, nothing))
+    assert name in table.unused
+
+
+@pytest.mark.parametrize("name", ["Phase shift (us)", "DC (A)", "Ball mass (pieces)"])
+def test_what_only_sounds_so_does_not_matter(name: str, tmp_path: Path) -> None:
+    (table,) = tables(tmp_path, f"f (Hz);Vp;Range (um);{name}\n1200;20;76;5\n")
+    assert table.unused == (name,)
+
+
+def test_a_constant_of_the_rig_goes_to_its_place(tmp_path: Path) -> None:
+    content = "f (Hz);Vp;Range (um);String length (mm)\n1200;20;76;60\n1300;20;75;{}\n"
+    assert refused(tmp_path, content.format(60)).endswith("--column 'String length (mm)=ignore' --set l=60:mm")
+    assert "write constants = { l = ... }, m, into its group" in refused(tmp_path, content.format(90))
+
+
+@pytest.mark.parametrize("name", ["Function", "Kurve", "Signal", "Waveform type"])
+def test_a_column_of_waveforms_is_one_whatever_its_name(name: str, tmp_path: Path) -> None:
+    content = f"f (Hz);Vp;Range (um);{name}\n1200;20;76;SIN\n1300;20;75;Rechteck\n"
+    asked = refused(tmp_path, content)
+    assert f"a column gives the waveform, '{name}'; leave out --waveform, or say " in asked
+    (table,) = tables(tmp_path, content, waveforms=())
+    assert [g.waveform for g in table.groups] == ["sine", "square"]
+    (table,) = tables(tmp_path, content, columns=tuple(proposed(asked)))
+    assert [g.waveform for g in table.groups] == ["sine"]
+    assert "no waveform" in refused(tmp_path, content.replace("SIN", "noise"), waveforms=())
+
+
+def test_a_shape_of_something_else_is_no_waveform(tmp_path: Path) -> None:
+    (table,) = tables(tmp_path, "f (Hz);Vp;Range (um);Shape\n1200;20;76;sphere\n")
+    assert table.unused == ("Shape",) and table.groups[0].waveform == "sine"

@@ -20,11 +20,11 @@ import numpy as np
 from psafit.drives import NAMES, TABLE
 from psafit.errors import Faults, InputError
 from psafit.experiment.drive_table import RECORDED
-from psafit.experiment.importing.chosen import HELD, SETTINGS, SHAPES, VOLTAGE, WAVEFORM, Chosen, option
+from psafit.experiment.importing.chosen import HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
 from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, Row, grids
-from psafit.experiment.importing.layout import Head, body, find_head, names
+from psafit.experiment.importing.layout import Head, body, find_head, names, waveform_places
 from psafit.experiment.importing.numerals import is_number
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
 from psafit.experiment.importing.recorded import recorded
@@ -37,7 +37,7 @@ from psafit.experiment.table import CellFault, readings_of
 from psafit.experiment.text import did_you_mean, listed, shown
 from psafit.files import read_bytes
 
-SETTABLE = (*HELD, *SETTINGS, *SHAPES)
+SETTABLE = (*HELD, *SETTINGS)
 """What may be given for a whole table."""
 COLUMN_NAMES = (*(name for name, q in COLUMNS.items() if q.usable), WAVEFORM, GROUPS, IGNORED)
 """What `--column` may call a column."""
@@ -250,14 +250,16 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
     shapes = []
     for number, (grid, head) in enumerate(found):
         mapped = {place: m.column for m in options.columns for place in names(m, head.headings)}
-        said = any(mapped.get(p, WAVEFORM if h.is_waveform else "") == WAVEFORM for p, h in enumerate(head.headings))
+        shaped = [p for p in waveform_places(grid, head) if p not in mapped]
+        said = [*shaped, *(place for place, column in mapped.items() if column == WAVEFORM)]
         shape = "" if not given else given[0] if len(given) == 1 else given[number]
         if options.drive and not said and not shape:
             shape = TABLE
         if said and shape:
-            faults.add(
-                InputError("a column gives the waveform", "leave out --waveform", file=grid.file, line=head.line)
-            )
+            heading = head.headings[said[0]].text
+            remedy = f"leave out --waveform, or say {option(heading or str(said[0] + 1), IGNORED)}"
+            what = f"a column gives the waveform, {shown(heading)}" if heading else "a column gives the waveform"
+            faults.add(InputError(what, remedy, file=grid.file, line=head.line))
         shapes.append(shape)
     faults.end()
     return shapes
@@ -342,7 +344,7 @@ def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options)
 def _columns(chosen: Chosen, options: Options, zeros: dict[str, float]) -> list[Understood]:
     """How psafit's columns came from those of the file, in psafit's order."""
     held = [*chosen.held(options), *chosen.settings(options)]
-    columns = [Understood(name, (), SHAPES.get(name) or COLUMNS[name].unit, 1.0) for name in held]
+    columns = [Understood(name, (), COLUMNS[name].unit, 1.0) for name in held]
     named = ((n, tuple(c.title for c in chosen.columns if any(a.column == n for a in c.at))) for n in CONDITION_COLUMNS)
     columns += [Understood(name, headings, COLUMNS[name].unit, 1.0) for name, headings in named if headings]
     for name in dict.fromkeys(c.column for c in chosen.columns if c.column in COLUMNS):
@@ -351,7 +353,7 @@ def _columns(chosen: Chosen, options: Options, zeros: dict[str, float]) -> list[
         factor = float(next(iter(units.values())) or 1) if len(units) == 1 else 1.0
         zero = zeros.get(name, 0.0)
         columns.append(Understood(name, tuple(c.title for c in same), ", ".join(units), factor, same[0].volts, zero))
-    order = [*COLUMNS, *SHAPES]
+    order = list(COLUMNS)
     return sorted(columns, key=lambda c: order.index(c.column))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from psafit.errors import InputError
-from psafit.experiment.drive_table import RECORDED
+from psafit.experiment.drive_table import RECORDED, SETTING_LIMITS
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.headings import Condition, Heading
 from psafit.experiment.importing.layout import Head
@@ -24,10 +24,8 @@ ERROR_OF = {o.sigma_column: o.column for o in OF_LAUNCHES}
 HELD = (*CONDITION_COLUMNS, *ERROR_OF)
 """What may be held, in the place of a column."""
 BIAS, IDLE = "bias_v", "idle_v"
-SETTINGS = (BIAS, IDLE)
-"""Voltages of a group's drive: what is added to its command, and what it rests at."""
-SHAPES = {"phase_deg": "deg", "cycles": "periods"}
-"""What else there may be of a periodic drive, and its unit; it stands in no column."""
+SETTINGS = tuple(SETTING_LIMITS)
+"""What else there is of a group's drive: bias, idle voltage, phase and periods."""
 VOLTAGE = RECORDED[1]
 """The column of a recorded drive."""
 EXAMPLES = {"frequency_hz": ("kHz", "1.2"), "amplitude_v": ("Vpp", "40")}
@@ -106,7 +104,7 @@ class Chosen:
 
     def settings(self, options: Options) -> dict[str, float]:
         """Voltages, phase and length of the drive that were held; a recorded one has all but the first in it."""
-        takes = (IDLE,) if self.recorded(options) else (*SETTINGS, *SHAPES)
+        takes = (IDLE,) if self.recorded(options) else SETTINGS
         return {name: options.held[name] for name in takes if name in options.held and not self.of(name)}
 
     def of(self, column: str) -> list[Column]:

@@ -27,10 +27,11 @@ from psafit.experiment.importing.chosen import (
     role,
 )
 from psafit.experiment.importing.grid import Grid
-from psafit.experiment.importing.layout import Head, names
+from psafit.experiment.importing.layout import Head, names, waveform_places
+from psafit.experiment.importing.matters import check_matters
 from psafit.experiment.importing.numerals import is_number, likeliest
 from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, voltages
-from psafit.experiment.importing.quantities import COLUMNS, LEVELS, QUANTITIES, SUFFIXES, VOLTS, Volts
+from psafit.experiment.importing.quantities import COLUMNS, COUNT, LEVELS, QUANTITIES, SUFFIXES, VOLTS, Volts
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.importing.units import Unit, conversion, factor_of, related
 from psafit.experiment.records import CONDITION_COLUMNS
@@ -51,7 +52,7 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     faults = Faults()
     mapped = _mapped(grid, head, options, faults)
     traced = is_trace(grid, head, mapped, options, faults)
-    found = _recognised(head, mapped, traced=traced)
+    found = _recognised(head, mapped, waveform_places(grid, head), traced=traced)
     if traced and not len(faults):
         found = voltages(grid, head, found, options, faults)
     if not len(faults):
@@ -81,6 +82,7 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     for column in dict.fromkeys(c.column for c in chosen.columns):
         _check_several(grid, head, chosen.of(column), faults)
     _check_unread(grid, head, chosen, faults)
+    check_matters(grid, head, chosen, options, faults)
     (check_trace if traced else _check_missing)(grid, head, chosen, options, faults)
     faults.end()
     counted = [_with_unit(grid, head, c, options, faults) for c in chosen.columns]
@@ -145,7 +147,7 @@ def _mapped(grid: Grid, head: Head, options: Options, faults: Faults) -> dict[in
     return mapped
 
 
-def _recognised(head: Head, mapped: dict[int, Column], *, traced: bool) -> list[Column]:
+def _recognised(head: Head, mapped: dict[int, Column], shaped: Sequence[int], *, traced: bool) -> list[Column]:
     """Each column with what it is: empty for unknown, or `"ignore"`."""
     other = ("reading", "error") if traced else ("trace",)
     could = [[q for q in h.over_time(u) if q.role not in other] for h, u in zip(head.headings, head.units, strict=True)]
@@ -154,7 +156,7 @@ def _recognised(head: Head, mapped: dict[int, Column], *, traced: bool) -> list[
     for place, heading in enumerate(head.headings):
         if place in mapped:
             found.append(mapped[place])
-        elif heading.is_waveform:
+        elif place in shaped:
             found.append(Column(place, heading, WAVEFORM))
         else:
             of_these = [q for q in could[place] if ERROR_OF.get(q.column, q.column) in sure or q.role != "error"]
@@ -324,7 +326,7 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
     if column.column not in COLUMNS:
         return column
     target = COLUMNS[column.column].unit
-    unit = column.unit or column.heading.unit or head.units[column.place]
+    unit = column.unit or column.heading.unit or head.units[column.place] or (Unit(COUNT) if target == COUNT else None)
     if column.unit and column.unit.scale is not None:
         unit = _on_scale(grid, head, column, column.unit, faults)
     numbers = [] if unit else [cell for cell in cells(grid, head, column.place) if is_number(cell)]

@@ -7,7 +7,7 @@ from decimal import Decimal
 from psafit.errors import InputError
 from psafit.experiment.definition import LIMITS as CONSTANT_LIMITS
 from psafit.experiment.drive_table import SETTING_LIMITS
-from psafit.experiment.importing.chosen import HELD, SHAPES
+from psafit.experiment.importing.chosen import HELD
 from psafit.experiment.importing.numerals import NOTATIONS
 from psafit.experiment.importing.quantities import COLUMNS, Volts
 from psafit.experiment.importing.units import factor_of, spacing, unit
@@ -33,7 +33,7 @@ def value(name: str, text: str, place: str) -> float:
         If it is no number, has no such unit, or is impossible.
     """
     number, colon, said = (part.strip() for part in text.partition(":"))
-    target = (CONSTANT_UNITS | SHAPES).get(name) or COLUMNS[name].unit
+    target = CONSTANT_UNITS.get(name) or COLUMNS[name].unit
     found = NOTATIONS["."].value(number)
     if found is None or "," in number:
         raise InputError(f"{place}: {shown(number)} is no number", f"write for example {name}=1.2:{target}")
@@ -73,8 +73,6 @@ def step(text: str, place: str) -> Decimal:
 
 
 def _factor(name: str, said: str, target: str) -> Decimal | None:
-    if name in SHAPES:
-        return Decimal(1) if said == target else None
     if name in CONSTANT_UNITS:
         return factor_of(said, target)
     found = unit(said)

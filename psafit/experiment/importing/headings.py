@@ -11,6 +11,7 @@ from psafit.experiment.importing.numerals import NOTATIONS
 from psafit.experiment.importing.quantities import (
     CHANNELS,
     COLUMNS,
+    COUNT,
     COUNTED,
     DRIVING,
     GENERIC,
@@ -196,11 +197,11 @@ def _in_brackets(text: str) -> tuple[Unit | None, str]:
 def _at_the_end(text: str) -> tuple[Unit | None, str]:
     """The unit without brackets that a heading ends in, or consists of, and what stands before it."""
     whole = unit(text)
-    if whole and (len(text) > 1 or text == "V"):  # N, m and s have other meanings
+    if whole and whole.kind != COUNT and (len(text) > 1 or text == "V"):  # N, m and s have other meanings
         return whole, ""
     for between in _BETWEEN.finditer(text):
         found = unit(text[between.end() :]) or _foreign(text[between.end() :])
-        if found and text[: between.start()].strip():
+        if found and found.kind != COUNT and text[: between.start()].strip():
             return found, text[: between.start()]
     return None, text
 

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from psafit.drives import WAVEFORMS
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
@@ -56,6 +57,24 @@ def names(mapping: Mapping, headings: Sequence[Heading]) -> list[int]:
         if found := [place for place, h in enumerate(headings) if same(h)]:
             return found
     return [int(text) - 1] if text.isascii() and text.isdigit() and 0 < int(text[:6]) <= len(headings) else []
+
+
+def waveform_places(grid: Grid, head: Head) -> list[int]:
+    """The columns, from 0, of waveforms: they are called so, or each row has words, and psafit knows some of them."""
+    rows = [row.texts for row in grid.rows[head.first :] if not row.is_blank and not is_comment(row.texts[0])]
+    found = []
+    for place, named in enumerate(head.headings):
+        said = {texts[place] if place < len(texts) else "" for texts in rows}
+        in_words = named.text and "" not in said and not any(map(is_number, said))
+        if named.is_waveform or (in_words and any(map(waveform, said))):
+            found.append(place)
+    return found
+
+
+def waveform(text: str) -> str:
+    """Psafit's waveform of this name; empty for any other."""
+    called = (w.id for w in WAVEFORMS.values() if words(text) in {words(name) for name in (w.id, *w.names)})
+    return next(called, "")
 
 
 def is_comment(text: str) -> bool:

@@ -55,6 +55,8 @@ class Quantity:
         return self.role == "drive" or any(self.column in of.LIMITS for of in (table, trace_table, drive_table))
 
 
+COUNT = "periods"
+"""The unit of a number of periods, which nobody writes."""
 # Words that say nothing of what is measured. "Generator", "input" and "monitor" are none: an amplifier lies between.
 NEUTRAL = {"measured", "the"}
 # Words that say which part of the rig something is of. The tip is the end of the stack.
@@ -81,6 +83,11 @@ _PLACES = (
 _TENSIONS = (
     "amplitude", "ampl", "amp", "voltage", "voltage amplitude", "amplitude voltage", "spannung", "spannungsamplitude",
     "antriebsspannung", "tension", "v", "u", "volt", "volts", "",
+)  # fmt: skip
+_PHASES = ("start phase", "starting phase", "initial phase", "burst phase", "startphase", "anfangsphase")
+_CYCLES = (
+    "cycles", "n cycles", "number of cycles", "burst cycles", "burst count", "periods", "n periods",
+    "number of periods", "burst periods", "zyklen", "perioden", "anzahl perioden", "nombre de cycles",
 )  # fmt: skip
 _ERRORS = ("sigma", "standard uncertainty", "standardunsicherheit")
 _READINGS = (
@@ -110,6 +117,8 @@ QUANTITIES = (
         "bias_v", "V", ("bias", "offset", "dc offset", "dc bias", "offset voltage", "bias voltage"), "drive", "drive"
     ),
     Quantity("idle_v", "V", ("idle", "idle voltage", "rest voltage", "ruhespannung"), "drive", "drive"),
+    Quantity("phase_deg", "deg", _PHASES, "drive", "drive"),
+    Quantity("cycles", COUNT, _CYCLES, "drive", "drive"),
     Quantity("voltage_v", "V", (), "recording"),  # `Heading.drives` says which column is one
     Quantity("time_us", "us", ("time", "t", "elapsed time", "zeit", "temps", "x axis", ""), "time"),
     Quantity("displacement_um", "um", _PLACES, "trace", "ball"),
@@ -119,7 +128,7 @@ QUANTITIES = (
 )
 COLUMNS = {quantity.column: quantity for quantity in QUANTITIES}
 # What pint calls the units of this field, prefixes left out: it knows hundreds of others, with short names.
-BASES = ("hertz", "volt", "meter", "micron", "inch", "thou", "second", "newton", "gram")
+BASES = ("hertz", "volt", "meter", "micron", "inch", "thou", "second", "newton", "gram", "degree", "radian", COUNT)
 UNITS = tuple(dict.fromkeys(quantity.unit for quantity in QUANTITIES))
 
 # Words of the drive's voltage itself, and those that name where it was recorded.
@@ -153,7 +162,10 @@ COUNTED: dict[Volts, tuple[str, ...]] = {
 SUFFIXES: dict[Volts, str] = {"peak": "p", "pp": "pp", "rms": "rms"}
 """What stands behind a unit of volts that are counted so."""
 VOLTS: dict[Volts, str] = {"peak": "zero to peak", "pp": "peak to peak", "rms": "RMS"}
-WAVEFORM_NAMES = {"waveform", "wave form", "wave", "signalform", "kurvenform", "wellenform"}
+WAVEFORM_NAMES = {
+    "waveform", "wave form", "wave", "waveform type", "wave type", "wave shape", "waveform shape", "signal form",
+    "signal shape", "signalform", "kurvenform", "wellenform", "forme d onde", "forma de onda", "forma d onda",
+}  # fmt: skip
 # What is one over a frequency.
 PERIODS = {"period", "period time", "periode", "periodendauer", "période"}
 # What generators call the ends of a drive.

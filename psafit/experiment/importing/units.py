@@ -9,12 +9,14 @@ from functools import cache
 
 import pint
 
-from psafit.experiment.importing.quantities import BASES, COUNTED, UNITS, Volts, words
+from psafit.experiment.importing.quantities import BASES, COUNT, COUNTED, UNITS, Volts, words
 
 # What a unit looks like. Anything else is not shown to pint, which would compute it.
 _UNIT = re.compile(r"[A-Za-zµμ]+(?:\^-?[1-3]|[²³])?(?:[/*·][A-Za-zµμ]+(?:\^-?[1-3]|[²³])?){0,2}")
 _RAISED = str.maketrans("⁻¹²³", "-123")
 _SCALED = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,2})?)[\s*]*(\D.*)", re.ASCII)
+# Of units that others have the dimension of, such as radians a second or a slope: how pint's names of them end.
+_OWN: dict[str, str | tuple[str, ...]] = {"Hz": "hertz", "deg": ("degree", "radian")}
 _SAMPLES = re.compile(r"^([kMG]?)(?:Sa?|[Ss]amples?)/s(?:ec)?$")
 # Of other units those that are no words; a ratio of levels, parts, angles, or what pint knows as a quotient or a power.
 _FOREIGN = re.compile(r"dB.*|[%‰]|°.*|rad|deg|rpm")
@@ -77,6 +79,7 @@ def unit(text: str) -> Unit | None:
     """The unit that a text is, such as ``kHz``, ``[mV]`` or ``Vpp``, if it is one of a quantity that psafit knows."""
     text = re.sub(r"[⁻¹²³]+", lambda power: f"^{power[0].translate(_RAISED)}", text.strip())
     text = re.sub(r"(?<=[A-Za-zµμ]) (?=[A-Za-z]+\^-)", "·", text)  # a product of what has a negative power
+    text = "deg" if text.strip("([<{}>]) ") == "°" else text
     if not text.isprintable():
         return None
     if text[:1] in ("(", "[", "<", "{") and text[-1:] in (")", "]", ">", "}"):
@@ -151,7 +154,9 @@ def spacing(number: Decimal, text: str, kind: str = "") -> Decimal | None:
 
 @cache
 def _registry() -> pint.UnitRegistry[Decimal]:
-    return pint.UnitRegistry(non_int_type=Decimal)
+    registry: pint.UnitRegistry[Decimal] = pint.UnitRegistry(non_int_type=Decimal)
+    registry.define(f"{COUNT} = [{COUNT}]")
+    return registry
 
 
 @cache
@@ -180,6 +185,6 @@ def factor_of(text: str, target: str) -> Decimal | None:
     found, registry = _parsed(text), _registry()
     if found is None or found.dimensionality != registry.Unit(target).dimensionality:
         return None
-    if target == "Hz" and not str(found).endswith("hertz"):  # radians a second have the same dimension
+    if not str(found).endswith(_OWN.get(target, "")):
         return None
     return Decimal(registry.Quantity(Decimal(1), found).to(target).magnitude)

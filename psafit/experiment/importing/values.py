@@ -24,7 +24,7 @@ from psafit.experiment.importing.chosen import (
     option,
 )
 from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
-from psafit.experiment.importing.layout import Body, Head
+from psafit.experiment.importing.layout import Body, Head, waveform
 from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, ambiguous, likeliest
 from psafit.experiment.importing.quantities import COLUMNS, VOLTS, Volts, words
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
@@ -225,9 +225,8 @@ def _waveform(row: Row, chosen: Chosen, given: str, options: Options, faults: Ro
 
 def known_waveform(text: str, options: Options) -> str:
     """Psafit's waveform of this name, or that of a file of its own; a `CellFault` for any other."""
-    for form in WAVEFORMS.values():
-        if words(text) in (words(name) for name in (form.id, *form.names)):
-            return form.id
+    if found := waveform(text):
+        return found
     if words(text) == TABLE and options.drive_file is None:
         raise CellFault(f"{shown(text)} needs a voltage over time", "give it with --drive FILE")
     if words(text) == TABLE:

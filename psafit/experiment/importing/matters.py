@@ -1,0 +1,113 @@
+"""Columns that matter to the rig or its drive, and that are not read by themselves: they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from psafit.errors import Faults
+from psafit.experiment.importing.chosen import Chosen, Column, cells, fault, option
+from psafit.experiment.importing.grid import Grid
+from psafit.experiment.importing.layout import Head
+from psafit.experiment.importing.numerals import likeliest
+from psafit.experiment.importing.quantities import COLUMNS
+from psafit.experiment.importing.records import IGNORED, Options
+from psafit.experiment.importing.units import factor_of
+from psafit.experiment.records import CONSTANT_UNITS
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What a column may hold besides readings and conditions.
+
+    Parameters
+    ----------
+    names : tuple of str
+        What it is called, in words of small letters.
+    column : str
+        psafit's column, or constant of the rig, that it would be; empty where there is none.
+    nothing : float or None
+        The number that changes nothing.
+    remedy : str
+        What can be done, where it is no column of psafit's.
+    """
+
+    names: tuple[str, ...]
+    column: str = ""
+    nothing: float | None = None
+    remedy: str = ""
+
+
+MATTERS = (
+    Matter(("phase", "phase angle", "phasenwinkel", "phasenlage"), "phase_deg", 0.0),
+    Matter(
+        (
+            "dc", "v dc", "vdc", "u dc", "udc", "dc voltage", "dc level", "gleichspannung", "gleichanteil",
+            "mean voltage", "v mean", "vmean", "preload voltage", "vorspannung", "tension continue",
+        ),
+        "bias_v",
+        0.0,
+    ),
+    Matter(
+        ("duty", "duty cycle", "duty ratio", "tastgrad", "tastverhältnis", "rapport cyclique"),
+        nothing=50.0,
+        remedy="give the voltage with --drive FILE, one period of it",
+    ),
+    Matter(
+        ("gain", "amplifier gain", "amp gain", "amplification", "verstärkung"),
+        nothing=1.0,
+        remedy="give volts behind the amplifier",
+    ),
+    Matter(
+        ("string length", "length of string", "pendulum length", "fadenlänge", "pendellänge", "longueur du fil"), "l"
+    ),
+    Matter(("ball mass", "mass of ball", "kugelmasse", "masse de la bille"), "M"),
+    Matter(("stack mass", "mass of stack", "stapelmasse"), "m"),
+)  # fmt: skip
+
+
+def check_matters(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
+    """A column that is not used, and of which it matters what it holds, is asked for."""
+    for column in (c for c in chosen.unused if not c.mapped):
+        for matter in (m for m in MATTERS if m.column not in options.held):
+            unit = _unit(column, head, matter)
+            numbers = _numbers(grid, head, column) if unit is not None else []
+            if any(number != matter.nothing for number in numbers):
+                faults.add(fault(grid, head, *_asked(column, matter, unit or "", numbers)))
+
+
+def _target(matter: Matter) -> str:
+    return CONSTANT_UNITS.get(matter.column) or (COLUMNS[matter.column].unit if matter.column else "")
+
+
+def _unit(column: Column, head: Head, matter: Matter) -> str | None:
+    """The unit of a column that is called so, empty where none is said; None where it is another quantity."""
+    said, target = head.unit(column.place), _target(matter)
+    for name in (n for n in matter.names if f"{column.heading.name} ".startswith(f"{n} ")):
+        rest = column.heading.name.removeprefix(name).strip() or (said.text if said else "")
+        if not rest or factor_of(rest, target) is not None if target else said is None or not said.kind:
+            return rest
+    return None
+
+
+def _numbers(grid: Grid, head: Head, column: Column) -> list[float]:
+    below = cells(grid, head, column.place)
+    notation = likeliest(below)
+    return [float(number.value) for cell in below if (number := notation.number(cell)) is not None]
+
+
+def _asked(column: Column, matter: Matter, unit: str, numbers: Sequence[float]) -> tuple[str, str]:
+    """What is said of a column that matters, and the remedy."""
+    ignored, target = option(column.option, IGNORED), _target(matter)
+    if matter.column in CONSTANT_UNITS:
+        what = f"column {column.name} is {matter.column} of the rig, which is no column of psafit's"
+        if len(set(numbers)) > 1:
+            return what, f"say {ignored}, and write constants = {{ {matter.column} = ... }}, {target}, into its group"
+        return what, f"say {ignored} --set {matter.column}={numbers[0]:g}:{unit or target}"
+    if matter.column:
+        what = f"column {column.name} may be {matter.column} of the drive, or another quantity"
+        return what, f"say {option(column.option, matter.column, '' if unit else target)}, or {ignored}"
+    return f"column {column.name} is of the drive, and psafit has no such setting", f"{matter.remedy}, or say {ignored}"
+
+
+__all__ = ["MATTERS", "Matter", "check_matters"]
