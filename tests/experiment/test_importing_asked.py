@@ -248,3 +248,60 @@ def test_a_column_of_waveforms_is_one_whatever_its_name(name: str, tmp_path: Pat
 def test_a_shape_of_something_else_is_no_waveform(tmp_path: Path) -> None:
     (table,) = tables(tmp_path, "f (Hz);Vp;Range (um);Shape\n1200;20;76;sphere\n")
     assert table.unused == ("Shape",) and table.groups[0].waveform == "sine"
+
+
+# --- conditions that headings of launches name --------------------------------------------------------------------
+
+WIDE = {
+    "amplitudes": "Frequency (Hz);Range at 10 Vpp (um);Range at 20 Vpp (um)",
+    "with a sign": "Frequency (Hz);Range @ 10 Vpp (um);Range @ 20 Vpp (um)",
+    "without brackets": "Frequency (Hz);Range_5Vp_um;Range_10Vp_um",
+    "in German": "Frequenz (Hz);Wurfweite bei 10 Vss (um);Wurfweite bei 20 Vss (um)",
+}
+
+
+@pytest.mark.parametrize("head", WIDE.values(), ids=WIDE.keys())
+def test_launches_are_read_at_the_conditions_of_their_headings(head: str, tmp_path: Path) -> None:
+    (table,) = tables(tmp_path, f"{head}\n1000;12.5;31\n1200;;36.5\n")
+    (group,) = table.groups
+    read = zip(group.frequency_hz, group.amplitude_v, group.reading, strict=True)
+    assert sorted(map(tuple, read)) == [(1000, 5, 12.5), (1000, 10, 31), (1200, 10, 36.5)]
+
+
+def test_frequencies_stand_in_headings_of_launches(tmp_path: Path) -> None:
+    """Repetitions of one condition are numbered."""
+    head = "Vp;Range 1 1 kHz (um);Range 2 1 kHz (um);Range 1 1.5 kHz (um);Range 2 1.5 kHz (um)"
+    (table,) = tables(tmp_path, f"{head}\n10;1;2;3;4\n")
+    assert table.groups[0].frequency_hz.tolist() == [1000, 1000, 1500, 1500]
+    assert table.groups[0].reading.tolist() == [1, 2, 3, 4]
+
+
+def test_readings_of_one_condition_are_together(tmp_path: Path) -> None:
+    head = "f (Hz);Range 10 Vp (um);Launch speed 10 Vp (mm/s);Range 20 Vp (um);Launch speed 20 Vp (mm/s)"
+    (table,) = tables(tmp_path, f"{head}\n1000;1;2;3;4\n")
+    (group,) = table.groups
+    read = zip(group.amplitude_v, group.measured, group.reading, strict=True)
+    assert sorted(map(tuple, read)) == [(10, 0, 1), (10, 1, 2), (20, 0, 3), (20, 1, 4)]
+
+
+def test_what_headings_of_launches_name_is_not_overridden(tmp_path: Path) -> None:
+    content = "Frequency (Hz);Range at 10 Vpp (um);Range at 20 Vpp (um)\n1000;12;31\n"
+    said = tuple(Mapping(h, "launch_range_um") for h in content.splitlines()[0].split(";")[1:])
+    for columns in ((), said):
+        asked = refused(tmp_path, content, columns=columns, values=(("amplitude_v", 20.0),))
+        assert asked.endswith("amplitude_v is given, and column 'Range at 10 Vpp (um)' holds it; leave out --set")
+    (table,) = tables(tmp_path, content, columns=said)
+    assert table.groups[0].amplitude_v.tolist() == [5.0, 10.0]
+
+
+@pytest.mark.parametrize(
+    ("head", "said"),
+    [
+        ("f (Hz);Range at 10 V (um);Range at 20 V (um)", "whether volts are zero to peak, peak to peak or RMS is not"),
+        ("f (Hz);Range at 10 Vp (um);Range (um)", "heading 'Range at 10 Vp (um)' holds amplitude_v, and heading"),
+        ("f (Hz);Vp;Range at 10 Vp (um)", "column 'Vp' and heading 'Range at 10 Vp (um)' both hold amplitude_v"),
+        ("Vp;f (Hz);Range at 1 kHz (um)", "column 'f (Hz)' and heading 'Range at 1 kHz (um)' both hold frequency_hz"),
+    ],
+)  # fmt: skip
+def test_headings_of_launches_that_say_too_little_or_much(head: str, said: str, tmp_path: Path) -> None:
+    assert said in refused(tmp_path, f"{head}\n1000;12;31\n")

@@ -113,7 +113,8 @@ def _check_used(tables: Sequence[Table], options: Options, *, counts: bool) -> N
             if columns:
                 place, heading = columns[0][0], columns[0][1].headings[0]
                 what = f"{name} is given, and column {shown(heading)} holds it"
-                remedy = f"{remedy}, or say {option(heading, IGNORED)}"
+                if not any(heading in c.headings for c in place.columns if c.column != name):  # a reading has it
+                    remedy = f"{remedy}, or say {option(heading, IGNORED)}"
             file, line = (place.file, place.header_line or 1) if place else (None, None)
             faults.add(InputError(what, remedy, file=file, line=line))
     given = {"--start": options.start_us is not None, "--from-rest": options.from_rest, "--every": options.every != 1}

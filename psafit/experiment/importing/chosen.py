@@ -68,8 +68,8 @@ class Column:
 
     @property
     def at(self) -> tuple[Condition, ...]:
-        """Conditions of a trace that its heading names; none where the user says what the column is."""
-        return () if self.mapped or role(self.column) != "trace" else self.heading.at
+        """Conditions of what was read that its heading names."""
+        return self.heading.at if role(self.column) in READ else ()
 
     @property
     def title(self) -> str:
@@ -94,7 +94,7 @@ class Chosen:
 
     def held(self, options: Options) -> dict[str, float]:
         """Conditions that were held, of those that such a table takes and has no column of."""
-        here = {c.column for c in self.columns}
+        here = {c.column for c in self.columns} | {a.column for c in self.columns for a in c.at}
         takes = (*CONDITION_COLUMNS, *(e for e, reading in ERROR_OF.items() if reading in here))
         return {name: value for name, value in options.held.items() if name in takes and name not in here}
 

@@ -30,7 +30,7 @@ from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Head, names, waveform_places
 from psafit.experiment.importing.matters import check_matters
 from psafit.experiment.importing.numerals import is_number, likeliest
-from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, voltages
+from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, missing_conditions, voltages
 from psafit.experiment.importing.quantities import COLUMNS, COUNT, LEVELS, QUANTITIES, SUFFIXES, VOLTS, Volts
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.importing.units import Unit, conversion, factor_of, related
@@ -222,7 +222,7 @@ def _repeated(columns: Sequence[Column]) -> bool:
     same_name = len({c.heading.name for c in columns}) == 1
     same = len({c.heading.text for c in columns}) == 1
     if all(c.at for c in columns) and len({(c.heading.bare, c.at) for c in columns}) == len(columns):
-        return len({c.heading.bare for c in columns}) == 1
+        return same_name
     numbers = sorted(-1 if c.heading.number is None else c.heading.number for c in columns)
     return same_name and (same or numbers in ([k + first for k in range(len(columns))] for first in (0, 1)))
 
@@ -255,20 +255,19 @@ def _not_yet(chosen: Chosen) -> str:
 
 
 def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
-    held, known = options.held, all_headings(head)
+    known = all_headings(head)
     times = [c for c in chosen.unused if c.column == TIME]
-    for column in CONDITION_COLUMNS:
-        if not chosen.of(column) and column not in held:
-            near, other = nearest(chosen.unused, head, column), _in_other_unit(chosen, head, column)
-            what, remedy = "", f"say {_called(near, head, column)}"
-            if other:
-                what, remedy = other
-            ends = [next((c.name for c in chosen.unused if c.heading.name in called), "") for called in LEVELS]
-            if column == "amplitude_v" and all(ends):
-                what = f", and {' and '.join(ends)} are the ends of the drive"
-                remedy = "give amplitude_v (Vp), half of their difference, and bias_v, their mean"
-            remedy = f"{remedy}, or --set {example(column)} if held"
-            faults.add(fault(grid, head, f"no {column} among {known}{what}", remedy))
+    for column in missing_conditions(grid, head, chosen, options, faults):
+        near, other = nearest(chosen.unused, head, column), _in_other_unit(chosen, head, column)
+        what, remedy = "", f"say {_called(near, head, column)}"
+        if other:
+            what, remedy = other
+        ends = [next((c.name for c in chosen.unused if c.heading.name in called), "") for called in LEVELS]
+        if column == "amplitude_v" and all(ends):
+            what = f", and {' and '.join(ends)} are the ends of the drive"
+            remedy = "give amplitude_v (Vp), half of their difference, and bias_v, their mean"
+        remedy = f"{remedy}, or --set {example(column)} if held"
+        faults.add(fault(grid, head, f"no {column} among {known}{what}", remedy))
     of_readings = (_in_other_unit(chosen, head, q.column) for q in QUANTITIES if q.role == "reading")
     if not chosen.readings and not chosen.not_yet and (other := next(filter(None, of_readings), None)):
         faults.add(fault(grid, head, f"no launch_range_um among {known}{other[0]}", other[1]))

@@ -29,7 +29,9 @@ from psafit.experiment.importing.units import LOGARITHMS, Unit, counted, foreign
 _BRACKETS = re.compile(r"[(\[<{]([^()\[\]<>{}]*)[)\]>}]")
 _BETWEEN = re.compile(r"\s+in\s+|\s*[/,_:]\s*|\s+")
 # A number with its unit; a unit of many, such as 2 V/div, is none.
-_AT = re.compile(r"(?<![A-Za-z0-9.,])(\d+(?:[.,]\d+)?)\s*([A-Za-zµμ]+(?:-[a-z]+)?)(?![A-Za-z0-9/])")
+_AT = re.compile(
+    r"(?:\b(?:at|bei|à)\s+|@\s*)?(?<![A-Za-z0-9.,])(\d+(?:[.,]\d+)?)\s*([A-Za-zµμ]+(?:-[a-z]+)?)(?![A-Za-z0-9/])"
+)
 _GLUED = re.compile(r"([vu])(pp|pkpk|ss|rms|eff|0pk|0p|pk|p)")
 # A quantity times or over a number; 1/3 counts.
 _COMPUTED = re.compile(r"[^\W\d]\s*[/*×÷]\s*[\d.]|\d\s*[*×]\s*[^\W\d]")
@@ -122,8 +124,10 @@ class Heading:
         return found
 
     def over_time(self, below: Unit | None = None) -> list[Quantity]:
-        """What the column may hold; with conditions in its heading also a motion at these."""
-        return self.quantities(below) or [q for q in self.without_conditions.quantities(below) if q.role == "trace"]
+        """What the column may hold; with conditions in its heading also a motion, else a reading, at these."""
+        found = self.quantities(below)
+        at = self.without_conditions.quantities(below) if self.at and not found else []
+        return found or [q for q in at if q.role == "trace"] or [q for q in at if q.role == "reading"]
 
     def would_be(self, quantity: Quantity) -> bool:
         """Whether it is called so, whatever its unit."""

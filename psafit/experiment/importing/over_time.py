@@ -10,6 +10,7 @@ from itertools import pairwise
 from psafit.errors import Faults
 from psafit.experiment.importing.blocks import blocks, rising, runs_on
 from psafit.experiment.importing.chosen import (
+    READ,
     VOLTAGE,
     WAVEFORM,
     Chosen,
@@ -219,37 +220,41 @@ def _is_constant(timed: _Timed, held: Sequence[int], place: int, options: Option
 
 def check_trace(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
     """A trace has a motion, a frequency and an amplitude: in columns, or given."""
-    missing = []
     for column in () if chosen.readings else chosen.unused:
         could = column.heading.over_time(head.units[column.place])
         if motion := next((q for q in could if q.role == "trace"), None):
             what = f"column {column.name} could be {' or '.join(q.column for q in could)}"
             remedy = f"say which, with its unit: {option(column.option, motion.column, motion.unit)}"
             faults.add(fault(grid, head, what, remedy))
+    if missing := missing_conditions(grid, head, chosen, options, faults):
+        what = f"a trace over time, and nothing says {' and '.join(missing)} of its drive"
+        faults.add(fault(grid, head, what, f"say {' '.join(f'--set {example(n)}' for n in missing)}"))
+
+
+def missing_conditions(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> list[str]:
+    """The conditions that nothing says; each stands in a column, in the headings of all that was read, or is given."""
+    missing, read = [], [c for c in chosen.columns if role(c.column) in READ]
     for name in CONDITION_COLUMNS:
         columns = chosen.of(name)
-        motions = [c for c in chosen.columns if role(c.column) == "trace"]
-        at = [c for c in motions if any(a.column == name for a in c.at)]
-        if (columns or at) and name in options.held:
+        at = [c for c in read if any(a.column == name for a in c.at)]
+        if (columns or at) and name in options.held and chosen.traced:
             column = (columns or at)[0]
             what = f"{name} is given, and {'column' if columns else 'heading'} {column.name} holds it"
-            faults.add(fault(grid, head, what, f"leave out --set, or say {option(column.option, IGNORED)}"))
+            other = f"say {option(column.option, IGNORED)}" if columns else "give the heading without it"
+            faults.add(fault(grid, head, what, f"leave out --set, or {other}"))
         elif columns and at:
             what = f"column {columns[0].name} and heading {at[0].name} both hold {name}"
-            faults.add(
-                fault(grid, head, what, f"say {option(columns[0].option, IGNORED)}, or give the heading without it")
-            )
-        elif at and len(at) < len(motions):
-            other = next(c for c in motions if c not in at)
+            remedy = f"say {option(columns[0].option, IGNORED)}, or give the heading without it"
+            faults.add(fault(grid, head, what, remedy))
+        elif at and len(at) < len(read):
+            other = next(c for c in read if c not in at)
             what = f"heading {at[0].name} holds {name}, and heading {other.name} does not"
             faults.add(fault(grid, head, what, f"write it into each heading, or say {option(other.option, IGNORED)}"))
         elif not columns and not at and name not in options.held:
             missing.append(name)
         if name == "amplitude_v" and at:
             _check_volts(grid, head, at[0], options, faults)
-    if missing:
-        what = f"a trace over time, and nothing says {' and '.join(missing)} of its drive"
-        faults.add(fault(grid, head, what, f"say {' '.join(f'--set {example(n)}' for n in missing)}"))
+    return missing
 
 
 def _check_volts(grid: Grid, head: Head, column: Column, options: Options, faults: Faults) -> None:
@@ -259,4 +264,4 @@ def _check_volts(grid: Grid, head: Head, column: Column, options: Options, fault
         faults.add(fault(grid, head, what, f"say --volts {', --volts '.join(VOLTS)}, or write Vpp"))
 
 
-__all__ = ["check_launches", "check_trace", "clock", "is_trace", "voltages"]
+__all__ = ["check_launches", "check_trace", "clock", "is_trace", "missing_conditions", "voltages"]

@@ -97,8 +97,7 @@ def readings(
             known = _held(held, drive, options) | others
             known |= {c.column: v for c, v in read.items() if v is not None}
             first = next(iter(read))
-            if chosen.traced:
-                known = _named(grid, head, first, drive, options) | known
+            known = _named(grid, head, first, drive, options) | known
             found.append(Reading(row.line, drive, label, tuple(known.items()), first.place if chosen.traced else 0))
             for c, v in read.items():
                 if v is not None and v < 0 and not chosen.traced:
@@ -150,7 +149,7 @@ def _held(held: dict[str, float], drive: Drive, options: Options) -> dict[str, f
 
 
 def _named(grid: Grid, head: Head, column: Column, drive: Drive, options: Options) -> dict[str, float]:
-    """The conditions that the heading of a trace names.
+    """The conditions that the heading of what was read names.
 
     Raises
     ------
@@ -170,11 +169,14 @@ def _named(grid: Grid, head: Head, column: Column, drive: Drive, options: Option
 def _repetitions(values: dict[Column, float | None], chosen: Chosen) -> list[dict[Column, float | None]]:
     """What was read together, time after time; a cell that is empty was not read. Each column of a trace is one.
 
-    The drive that was recorded next to a trace was read where the trace was not, too.
+    Columns whose headings name other conditions were not read together. The drive that was recorded next to a trace was
+    read where the trace was not, too.
     """
     columns = [chosen.of(name) for name in chosen.readings]
     alone = [[c] for same in columns for c in same]
-    times = alone if chosen.traced else [list(filter(None, time)) for time in zip_longest(*columns)]
+    conditions = dict.fromkeys(c.at for same in columns for c in same)
+    together = (zip_longest(*([c for c in same if c.at == at] for same in columns)) for at in conditions)
+    times = alone if chosen.traced else [list(filter(None, time)) for each in together for time in each]
     every = [{c: values[c] for c in time} for time in times]
     read = [found for time in every if (found := {c: v for c, v in time.items() if v is not None})]
     return every if read and chosen.traced and chosen.of(VOLTAGE) else [dict(time) for time in read]
