@@ -305,3 +305,57 @@ def test_what_headings_of_launches_name_is_not_overridden(tmp_path: Path) -> Non
 )  # fmt: skip
 def test_headings_of_launches_that_say_too_little_or_much(head: str, said: str, tmp_path: Path) -> None:
     assert said in refused(tmp_path, f"{head}\n1000;12;31\n")
+
+
+# --- traces that look like launches -------------------------------------------------------------------------------
+
+LABVIEW = "Delta_X\t5.0E-6\nX_Value\tVoltage\tVelocity\n"
+
+
+def labview(head: str = LABVIEW, *, times: bool = True) -> str:
+    return head + "".join(f"{5e-6 * k if times else '':}\t{np.sin(k):.4f}\t{0.1 * k:.3f}\n" for k in range(14))
+
+
+def test_a_recording_does_not_become_launches(tmp_path: Path) -> None:
+    """Its voltage is no amplitude where that is given, and what is said of one column does not hide the time."""
+    asked = refused(tmp_path, labview(), **HELD, separator="\t")
+    assert "'Voltage' changes along a trace" in asked and "Voltage=amplitude_v" not in asked
+    said = (Mapping("Voltage", "ignore"), mapped("Velocity=launch_speed_mm_s:mm/s"))
+    asked = refused(tmp_path, labview(), **HELD, columns=said, separator="\t")
+    assert "'X_Value' rises from row to row at one condition" in asked
+    as_said = (mapped("X_Value=time_us:s"), mapped("Velocity=velocity_mm_s:mm/s"), said[0])
+    (table,) = tables(tmp_path, labview(), **HELD, columns=as_said, separator="\t")
+    assert table.groups[0].time_us == pytest.approx(5.0 * np.arange(14))
+    launches = (*said, Mapping("X_Value", "ignore"))
+    (table,) = tables(tmp_path, labview(), **HELD, columns=launches, separator="\t")
+    assert table.groups[0].time_us is None
+
+
+def test_an_empty_column_of_times_holds_none(tmp_path: Path) -> None:
+    said = (Mapping("Voltage", "ignore"), mapped("Velocity=velocity_mm_s:mm/s"))
+    content = labview(times=False)
+    assert "Delta_X 5.0E-6" in refused(tmp_path, content, **HELD, columns=said, separator="\t", start_us=0.0)
+    head = LABVIEW.replace("Delta_X\t5.0E-6", "Delta_X (us)\t5")
+    (table,) = tables(tmp_path, labview(head, times=False), **HELD, columns=said, separator="\t", start_us=0.0)
+    assert table.groups[0].time_us == pytest.approx(5.0 * np.arange(14))
+
+
+def test_a_column_is_not_proposed_for_what_is_given(tmp_path: Path) -> None:
+    content = "f (Hz);Voltage;Range (um)\n1000;3;12\n1200;5;18\n"
+    asked = refused(tmp_path, content, values=(("amplitude_v", 20.0),))
+    assert (
+        "amplitude_v is given, and column 'Voltage', without a unit, may hold it; say --column Voltage=ignore" in asked
+    )
+    (table,) = tables(tmp_path, content, values=(("amplitude_v", 20.0),), columns=tuple(proposed(asked)[:1]))
+    assert table.groups[0].amplitude_v.tolist() == [20.0, 20.0]
+
+
+def test_a_clock_is_left_out_with_the_launches_next_to_it(tmp_path: Path) -> None:
+    """What is proposed where a velocity may be either."""
+    rows = "".join(f"1200;20;{5 * k};{k}\n" for k in range(12))
+    asked = refused(tmp_path, f"f (Hz);Vp;t (us);velocity (mm/s)\n{rows}")
+    trace, *launches = proposed(asked)
+    (table,) = tables(tmp_path, f"f (Hz);Vp;t (us);velocity (mm/s)\n{rows}", columns=(trace,))
+    assert table.groups[0].time_us is not None
+    (table,) = tables(tmp_path, f"f (Hz);Vp;t (us);velocity (mm/s)\n{rows}", columns=tuple(launches))
+    assert table.groups[0].time_us is None and table.groups[0].n_points == 12

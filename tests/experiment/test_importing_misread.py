@@ -61,10 +61,10 @@ RECORDED = {
     "a clock": ("Clock (s)", "Launch speed (mm/s)", "{}", "'Clock (s)=time_us' with --column 'Launch speed (mm/s)=vel"),
     "times of the day": ("Stamp", "Force (N)", "2026-11-03T10:00:{:02d}.5", "Stamp=ignore if each row is a launch"),
     "a time of another name": (
-        "X_Value (s)",
+        "Instant (s)",
         "Velocity (mm/s)",
         "{}",
-        "say --column 'X_Value (s)=time_us', or --column",
+        "say --column 'Instant (s)=time_us', or --column",
     ),
     "dates": ("Stamp", "Velocity (mm/s)", "3.11.2026 10:00:{:02d},5", "give column 'Stamp' in seconds, or"),
 }

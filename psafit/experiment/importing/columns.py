@@ -350,6 +350,9 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
         if column.column == "amplitude_v" and not (column.heading.counts or options.volts):
             target, other = f"{target}pp", listed(f"{target}{suffix}" for suffix in (SUFFIXES["peak"], SUFFIXES["rms"]))
         remedy = f"say {option(column.option, column.column, target)}, or another unit such as {other}"
+        if column.column in options.held and not column.mapped:
+            what = f"{column.column} is given, and column {column.name}, without a unit, may hold it"
+            remedy = f"say {option(column.option, IGNORED)} if it does not, else leave out --set and {remedy}"
         faults.add(fault(grid, head, what, remedy))
     volts = None
     counted = (unit and unit.volts) or (None if column.mapped else column.heading.volts)

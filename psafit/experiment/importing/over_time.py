@@ -82,7 +82,8 @@ def is_trace(grid: Grid, head: Head, mapped: Mapping[int, Column], options: Opti
         return False
     if TIME in said:
         return True
-    timed = _timed(grid, head, next(place for place, each in could.items() if any(q.column == TIME for q in each)))
+    at = next(place for place, each in could.items() if any(q.column == TIME for q in each))
+    timed = _timed(grid, head, at)
     parts = timed.parts(_conditions(head, mapped, could))
     n_long = sum(len(part) >= options.least_samples for part in parts)
     if not n_long or any(all(q.role == "trace" for q in could[place]) for place in motions):
@@ -94,7 +95,8 @@ def is_trace(grid: Grid, head: Head, mapped: Mapping[int, Column], options: Opti
         other = next((q.column for q in could[motions[0]] if q.role == "reading"), IGNORED)
         motion = next(q.column for q in could[motions[0]] if q.role == "trace")
         what = f"column {column.name} may be a trace over time, or read of launches, and the time a clock"
-        faults.add(fault(grid, head, what, f"say {option(column.option, motion)} or {option(column.option, other)}"))
+        launches = f"{option(column.option, other)} {option(Column(at, head.headings[at], TIME).option, IGNORED)}"
+        faults.add(fault(grid, head, what, f"say {option(column.option, motion)} or {launches}"))
     return True
 
 
@@ -156,7 +158,7 @@ def check_launches(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
 
     Next to a condition that is written in each row, times of the day are those of launches.
     """
-    read = next((c for c in chosen.columns if role(c.column) == "reading" and not c.mapped), None)
+    read = next((c for c in chosen.columns if role(c.column) == "reading"), None)
     written = [column for name in CONDITION_COLUMNS for column in chosen.of(name)]
     if read is None or any(len(set(cells(grid, head, column.place))) > 1 for column in written):
         return
@@ -240,8 +242,8 @@ def missing_conditions(grid: Grid, head: Head, chosen: Chosen, options: Options,
         if (columns or at) and name in options.held and chosen.traced:
             column = (columns or at)[0]
             what = f"{name} is given, and {'column' if columns else 'heading'} {column.name} holds it"
-            other = f"say {option(column.option, IGNORED)}" if columns else "give the heading without it"
-            faults.add(fault(grid, head, what, f"leave out --set, or {other}"))
+            instead = f"say {option(column.option, IGNORED)}" if columns else "give the heading without it"
+            faults.add(fault(grid, head, what, f"leave out --set, or {instead}"))
         elif columns and at:
             what = f"column {columns[0].name} and heading {at[0].name} both hold {name}"
             remedy = f"say {option(columns[0].option, IGNORED)}, or give the heading without it"

@@ -120,7 +120,7 @@ QUANTITIES = (
     Quantity("phase_deg", "deg", _PHASES, "drive", "drive"),
     Quantity("cycles", COUNT, _CYCLES, "drive", "drive"),
     Quantity("voltage_v", "V", (), "recording"),  # `Heading.drives` says which column is one
-    Quantity("time_us", "us", ("time", "t", "elapsed time", "zeit", "temps", "x axis", ""), "time"),
+    Quantity("time_us", "us", ("time", "t", "elapsed time", "zeit", "temps", "x axis", "x value", ""), "time"),
     Quantity("displacement_um", "um", _PLACES, "trace", "ball"),
     Quantity("velocity_mm_s", "mm/s", _VELOCITIES, "trace", "ball"),
     Quantity("tip_displacement_um", "um", (*_PLACES, ""), "trace", "tip"),
@@ -177,8 +177,8 @@ LEVELS = (
 STEPS = dict.fromkeys(
     (
         "sample interval", "sampling interval", "sample period", "sampling period", "sample time", "time step",
-        "timestep", "time increment", "increment", "x increment", "xincr", "dt", "delta t", "abtastintervall",
-        "abtastperiode", "zeitschritt", "pas de temps",
+        "timestep", "time increment", "increment", "x increment", "xincr", "dt", "delta t", "delta x",
+        "abtastintervall", "abtastperiode", "zeitschritt", "pas de temps",
     ),
     "us",
 ) | dict.fromkeys(

@@ -44,7 +44,7 @@ def with_counts(grid: Grid, head: Head, options: Options, *, recording: bool = F
     InputError
         Where nothing says the step, or when the drive starts; where a sample is missing, or may be a launch.
     """
-    could = _could(head, options)
+    could = _could(grid, head, options)
     places = _recorded(head, could) if recording else _moving(grid, head, options, could)
     if not places:
         return grid, head, options
@@ -71,13 +71,16 @@ def with_counts(grid: Grid, head: Head, options: Options, *, recording: bool = F
     )
 
 
-def _could(head: Head, options: Options) -> list[list[Quantity]]:
-    """What each column may hold; one that the user names has that alone."""
+def _could(grid: Grid, head: Head, options: Options) -> list[list[Quantity]]:
+    """What each column may hold; one that the user names has that alone, and an empty one nothing."""
     said = {place: m.column for m in options.columns for place in names(m, head.headings)}
-    return [
-        h.over_time(u) if k not in said else [COLUMNS[said[k]]] if said[k] in COLUMNS else []
-        for k, (h, u) in enumerate(zip(head.headings, head.units, strict=True))
-    ]
+    could: list[list[Quantity]] = []
+    for place, (named, below) in enumerate(zip(head.headings, head.units, strict=True)):
+        if place in said:
+            could.append([COLUMNS[said[place]]] if said[place] in COLUMNS else [])
+        else:
+            could.append(named.over_time(below) if cells(grid, head, place) else [])
+    return could
 
 
 def _moving(grid: Grid, head: Head, options: Options, could: Sequence[Sequence[Quantity]]) -> list[int]:
