@@ -140,7 +140,7 @@ ASKED: dict[str, tuple[Any, str, int | None]] = {
     "a speed that is no range": (
         "f (Hz);Vpp;v\n1200;40;76\n", "or as one of launch_speed_mm_s, contact_time_us, peak_force_n", 1
     ),
-    "a unit of another kind": ("f (Hz);Vpp;Range (mm/s)\n1200;40;76\n", "no launch_range_um among Range", 1),
+    "a unit of another kind": ("f (Hz);Vpp;Range (mm/s)\n1200;40;76\n", "another reading among Range", 1),
     "mega or milli": ("Frequency (mhz);Vpp;Range (um)\n1;40;76\n", "no frequency_hz among", 1),
     "radians a second": ("f (rad/s);Vpp;Range (um)\n1200;40;76\n", "no frequency_hz among", 1),
     "two of one": ("f set (Hz);f (Hz);f (Hz);Vpp;Range (um)\n1;1;1;4;7\n", "could all be frequency_hz --column", 1),
@@ -170,7 +170,7 @@ ASKED: dict[str, tuple[Any, str, int | None]] = {
     "two marks": (HEAD + "1200;20;76.5\n1300;20;75.5\n1400;20;74,5\n", "'74,5' as decimal mark --decimal ,", 4),
     "a heading too many": ("f (Hz);R 1 (um);Vp;R 2 (um);No.\n1;20;7;3\n", "5 headings, and no row of more than", 1),
     "a damaged heading": ("f (Hz);U (V\x8ep);R (um)\n1;20;7\n", "no amplitude_v among", 1),
-    "a unit between blanks": ("f No. Vp R\nkHz V um\n1 1 40 76\n", "no launch_range_um among", 2),
+    "a unit between blanks": ("f No. Vp R\nkHz V um\n1 1 40 76\n", "no launch_range_um nor another reading among", 2),
     "a cell between blanks": ("f_Hz Vpp R_um\n1200 40 76\n1300 76\n", "2 cells in the row, 3 headings", 3),
     "numbers without a name": ("f (Hz);Vpp;Range (um);\n1;2;3;4\n", "headings give each column a heading", 2),
     "no heading known": ("a;b;c\n1;2;3\n", "no column is recognised --column", 1),

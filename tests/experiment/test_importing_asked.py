@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ from psafit.drives import Drive
 from psafit.errors import InputError
 from psafit.experiment import read_experiment
 from psafit.experiment.importing import Imported, Mapping, Options, Table, read_files, write_import
-from psafit.experiment.importing.units import unit
+from psafit.experiment.importing.quantities import COLUMNS
+from psafit.experiment.importing.units import Unit, unit
 
 
 def tables(folder: Path, content: str, **said: Any) -> list[Table]:
@@ -359,3 +361,38 @@ def test_a_clock_is_left_out_with_the_launches_next_to_it(tmp_path: Path) -> Non
     assert table.groups[0].time_us is not None
     (table,) = tables(tmp_path, f"f (Hz);Vp;t (us);velocity (mm/s)\n{rows}", columns=tuple(launches))
     assert table.groups[0].time_us is None and table.groups[0].n_points == 12
+
+
+# --- readings of other names --------------------------------------------------------------------------------------
+
+NAMELESS = {
+    "a force": ("Fmax (N)", "peak_force_n"),
+    "a speed": ("Exit velocity (m/s)", "launch_speed_mm_s"),
+    "a time": ("t_c (us)", "contact_time_us"),
+    "a range": ("L/µm", "launch_range_um"),
+    "a speed without a unit": ("Exit velocity", "launch_speed_mm_s"),
+    "a force without a unit": ("Force max", "peak_force_n"),
+}
+
+
+@pytest.mark.parametrize(("name", "column"), NAMELESS.values(), ids=NAMELESS.keys())
+def test_the_nearest_column_of_any_reading_is_proposed(name: str, column: str, tmp_path: Path) -> None:
+    content = f"f (Hz);Vp;{name};No.\n1200;20;5;1\n1300;20;4;2\n"
+    asked = refused(tmp_path, content)
+    (said,) = proposed(asked)
+    assert (said.heading, said.column, said.unit) == (name, column, None)
+    if "(" not in name and "/" not in name:
+        assert asked.endswith("with the unit behind a colon")
+        said = replace(said, unit=Unit(COLUMNS[column].unit))
+    (table,) = tables(tmp_path, content, columns=(said,))
+    assert table.groups[0].observable.column == column
+
+
+def test_each_column_that_may_be_a_reading_is_proposed(tmp_path: Path) -> None:
+    content = "f (Hz);Vp;Fmax (N);t_c (us);L (um)\n1200;20;5;100;7\n"
+    said = proposed(refused(tmp_path, content))
+    assert {(m.heading, m.column) for m in said} == {
+        ("Fmax (N)", "peak_force_n"), ("t_c (us)", "contact_time_us"), ("L (um)", "launch_range_um"),
+    }  # fmt: skip
+    (table,) = tables(tmp_path, content, columns=tuple(said))
+    assert sorted(table.groups[0].reading.tolist()) == [5.0, 7.0, 100.0]

@@ -31,7 +31,7 @@ from psafit.experiment.importing.layout import Head, names, waveform_places
 from psafit.experiment.importing.matters import check_matters
 from psafit.experiment.importing.numerals import is_number, likeliest
 from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, missing_conditions, voltages
-from psafit.experiment.importing.quantities import COLUMNS, COUNT, LEVELS, QUANTITIES, SUFFIXES, VOLTS, Volts
+from psafit.experiment.importing.quantities import COLUMNS, COUNT, LEVELS, QUANTITIES, SUFFIXES, VOLTS, Quantity, Volts
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.importing.units import Unit, conversion, factor_of, related
 from psafit.experiment.records import CONDITION_COLUMNS
@@ -256,7 +256,6 @@ def _not_yet(chosen: Chosen) -> str:
 
 def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
     known = all_headings(head)
-    times = [c for c in chosen.unused if c.column == TIME]
     for column in missing_conditions(grid, head, chosen, options, faults):
         near, other = nearest(chosen.unused, head, column), _in_other_unit(chosen, head, column)
         what, remedy = "", f"say {_called(near, head, column)}"
@@ -268,24 +267,47 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
             remedy = "give amplitude_v (Vp), half of their difference, and bias_v, their mean"
         remedy = f"{remedy}, or --set {example(column)} if held"
         faults.add(fault(grid, head, f"no {column} among {known}{what}", remedy))
-    of_readings = (_in_other_unit(chosen, head, q.column) for q in QUANTITIES if q.role == "reading")
-    if not chosen.readings and not chosen.not_yet and (other := next(filter(None, of_readings), None)):
-        faults.add(fault(grid, head, f"no launch_range_um among {known}{other[0]}", other[1]))
-    elif not chosen.readings:
-        near = nearest(chosen.unused, head, "launch_range_um")
-        name = near.option if near else "NAME"
-        what, remedy = f"no launch_range_um among {known}", f"say {option(name, 'launch_range_um')}"
+    if not chosen.readings:
+        _check_readings(grid, head, chosen, options, faults)
+
+
+def _check_readings(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
+    """Say which columns may be the readings of a table without any: by their units, else by their names."""
+    readings = [q for q in QUANTITIES if q.role == "reading"]
+    others = [c for c in chosen.unused if c.column != TIME and not c.mapped]
+    known = all_headings(head)
+    what = f"no launch_range_um nor another reading among {known}"
+    if not chosen.not_yet and (
+        other := next(filter(None, (_in_other_unit(chosen, head, q.column) for q in readings)), None)
+    ):
+        faults.add(fault(grid, head, f"{what}{other[0]}", other[1]))
+        return
+    near = [option(c.option, q.column) for q in readings for c in others if nearly(c, head, q)]
+    named = [option(c.option, q.column) for c in others for q in readings if _sounds(grid, head, c, q)]
+    volts = [c.option for c in others if in_volts(c, head)]
+    said = near or named or [option("NAME", "launch_range_um")]
+    remedy = f"say {'of each that was read ' if len(said) > 1 else ''}{' '.join(said)}"
+    remedy = f"{remedy}, with the unit behind a colon" if named and not near else remedy
+    if not near and not named:
         remedy = f"{remedy}, or as one of {listed(name for name in ERROR_OF.values() if name != 'launch_range_um')}"
-        if not near:
-            volts = [c.option for c in chosen.unused if in_volts(c, head)]
-            scale = option(volts[0] if volts else "NAME", "launch_speed_mm_s", "5mm/s/V")
-            remedy = f"{remedy}; a sensor's volts with their scale, {scale}"
-        if times:
-            remedy = f"{remedy}; of traces, sort the rows by trace and time: each has {options.least_samples} or more"
-        if chosen.not_yet:
-            what = f"{what}, but {_not_yet(chosen)}"
-            remedy = "psafit cannot use that yet: give a file with launch ranges; it is no launch range"
-        faults.add(fault(grid, head, what, remedy))
+        scale = option(volts[0] if volts else "NAME", "launch_speed_mm_s", "5mm/s/V")
+        remedy = f"{remedy}; a sensor's volts with their scale, {scale}"
+    if any(c.column == TIME for c in chosen.unused):
+        remedy = f"{remedy}; of traces, sort the rows by trace and time: each has {options.least_samples} or more"
+    if chosen.not_yet:
+        what = f"{what}, but {_not_yet(chosen)}"
+        remedy = "psafit cannot use that yet: give a file with launch ranges; it is no launch range"
+    faults.add(fault(grid, head, what, remedy))
+
+
+def _sounds(grid: Grid, head: Head, column: Column, quantity: Quantity) -> bool:
+    """Whether a column of numbers without a unit has a word in its heading that no other quantity's names have."""
+    others = [q for q in QUANTITIES if q.role not in ("trace", "error", "other") and q != quantity]
+    own = {word for name in quantity.names for word in name.split()}
+    own -= {word for q in others for name in q.names for word in name.split()}
+    filled = cells(grid, head, column.place)
+    in_numbers = bool(filled) and all(map(is_number, filled)) and head.unit(column.place) is None
+    return in_numbers and not column.heading.of_tip and not own.isdisjoint(column.heading.name.split())
 
 
 def _called(near: Column | None, head: Head, column: str) -> str:
