@@ -396,3 +396,70 @@ def test_each_column_that_may_be_a_reading_is_proposed(tmp_path: Path) -> None:
     }  # fmt: skip
     (table,) = tables(tmp_path, content, columns=tuple(said))
     assert sorted(table.groups[0].reading.tolist()) == [5.0, 7.0, 100.0]
+
+
+# --- files of another form ----------------------------------------------------------------------------------------
+
+ASKEW = {
+    "a matrix": ("f (Hz) \\ U (Vpp);10;20\n1000;12,1;31,0\n1200;18;36,9\n", 1, "what was read at each of"),
+    "a matrix of volts": ("f (Hz);10 Vpp;20 Vpp\n1000;12,1;31,0\n1200;18;36,9\n", 1, "what was read at each of"),
+    "a matrix below a title": ("Sweep 3\n\nf (Hz);10;20\n1000;12,1;31,0\n1200;18;3\n", 3, "what was read at each of"),
+    "conditions alone": ("f (Hz);Day;10 Vpp;20 Vpp\n1000;Mo;12,1;31,0\n", 1, "write it into each heading, such"),
+    "a sweep on its side": ("Frequency (Hz);1200;1300\nVpp;40;40\nRange (um);76;75\n", 1, "turn the table, so that"),
+    "a trace on its side": ("Time (us);0;5;10\nDisplacement (um);0;1;2\n", 1, "turn the table, so that"),
+    "one with commas": ("Frequency (Hz),1200,1300\nVpp,40,40\nRange (um),76,75\n", 1, "turn the table, so that"),
+    "HTML": ("<html><table><tr><td>f (Hz)</td></tr></table></html>", 1, "HTML or XML, no table of text; open it"),
+    "XML": ('<?xml version="1.0"?>\n<Workbook><Worksheet/></Workbook>', 1, "HTML or XML, no table of text"),
+    "JSON": ('[{"frequency_hz": 1200, "amplitude_v": 20}]', 1, "JSON, no table of text"),
+    "JSON lines": ('{"frequency_hz": 1200}\n{"frequency_hz": 1300}\n', 1, "JSON, no table of text"),
+    "other headings": ("f (Hz);Vp;Range (um)\n1;2;3\n\nf (kHz);Vpp;Range (um)\n1;2;3\n", 4, "are headings"),
+    "the same headings": ("f (Hz);Vp;Range (um)\n1;2;3\nf (Hz);Vp;Range (um)\n1;2;3\n", 3, "headings once more"),
+    "a row of remarks": ("f\tVp\tRange\nHz\tV\tum\nsweep 1\tset\tlaser\n1\t2\t3\n", 3, "put # before a remark"),
+    "two traces": (
+        "t1 (us);x1 (um);t2 (us);x2 (um)\n" + "".join(f"{k};1;{k};1\n" for k in range(12)), 1, "save each with its",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "line", "said"), ASKEW.values(), ids=ASKEW.keys())
+def test_a_file_of_another_form_is_one_clear_line(content: str, line: int, said: str, tmp_path: Path) -> None:
+    asked = refused(tmp_path, content)
+    assert said in asked and f"in.csv:{line}: " in asked and "--column NAME" not in asked
+
+
+def test_a_matrix_is_read_once_its_headings_are_whole(tmp_path: Path) -> None:
+    """As the line says."""
+    content = "Frequency (Hz);Range at 10 Vpp (um);Range at 20 Vpp (um)\n1000;12,1;31,0\n1200;18;36,9\n"
+    (table,) = tables(tmp_path, content)
+    assert sorted(table.groups[0].reading.tolist()) == [12.1, 18.0, 31.0, 36.9]
+
+
+def test_brackets_alone_are_no_json(tmp_path: Path) -> None:
+    (table,) = tables(tmp_path, "[Hz];[Vp];Range (um)\n1200;20;5\n", columns=(mapped("1=frequency_hz:Hz"),))
+    assert table.groups[0].n_points == 1
+
+
+def test_rules_are_left_out(tmp_path: Path) -> None:
+    """Of Markdown, for example."""
+    content = "| f (kHz) | Vpp | Range (um) |\n|---|:-:|--:|\n| 1.2 | 40 | 76 |\n| 1.3 | 40 | 75.5 |\n|---|---|---|\n"
+    (table,) = tables(tmp_path, content)
+    assert table.groups[0].frequency_hz.tolist() == [1200, 1300]
+    assert [line for line, _ in table.left_out] == [2, 5]
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_blanks_part_what_nothing_else_parts(decimal: str, tmp_path: Path) -> None:
+    content = "f_Hz Vp range_um\n1200 20.5 76.0\n1300 20.5 75.5\n".replace(".", decimal)
+    (table,) = tables(tmp_path, content)
+    assert table.groups[0].reading.tolist() == [76.0, 75.5]
+
+
+@pytest.mark.parametrize(("said", "factor"), [("Horizontal Units,s", 1e6), ("X Units,ms", 1e3)])
+def test_the_unit_of_a_clock_stands_above_it(said: str, factor: float, tmp_path: Path) -> None:
+    rows = "".join(f"{k / factor:.7e},{k * k}\n" for k in range(0, 60, 5))
+    velocity = (mapped("CH1=velocity_mm_s:mm/s"),)
+    for columns in (velocity, (*velocity, Mapping("TIME", "time_us"))):
+        (table,) = tables(tmp_path, f"{said},,\nTIME,CH1\n{rows}", **HELD, columns=columns)
+        assert table.groups[0].time_us == pytest.approx(np.arange(0.0, 60.0, 5.0), rel=1e-12)
+    asked = refused(tmp_path, f"TIME,CH1\n{rows}", **HELD, columns=velocity)
+    assert "column 'TIME' gives no unit" in asked

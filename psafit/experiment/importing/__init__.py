@@ -24,7 +24,7 @@ from psafit.experiment.importing.chosen import HELD, SETTINGS, VOLTAGE, WAVEFORM
 from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, Row, grids
-from psafit.experiment.importing.layout import Head, body, find_head, names, waveform_places
+from psafit.experiment.importing.layout import Head, askew, body, find_head, names, number_rows, waveform_places
 from psafit.experiment.importing.numerals import is_number
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
 from psafit.experiment.importing.recorded import recorded
@@ -136,9 +136,15 @@ def _heads(file: Path, options: Options, example: str, units: Sequence[str] = ()
 
     A column of these units is known by its unit alone.
     """
-    tries = [(grid, head) for grid in grids(file, options) if (head := find_head(grid, options, units))]
-    if any(head.known > 1 and grid.separator not in BLANKS for grid, head in tries):  # blanks are within headings
-        tries = [(grid, head) for grid, head in tries if grid.separator not in BLANKS]
+    found = grids(file, options)
+    tries = [(grid, head) for grid in found if (head := find_head(grid, options, units))]
+    marked = [grid for grid in found if grid.separator not in BLANKS]
+    parted = [grid for grid in marked if number_rows(grid)]
+    if parted or any(head.known > 1 for grid, head in tries if grid in marked):  # blanks are within headings
+        tries = [(grid, head) for grid, head in tries if grid in marked]
+    if all(head.known < 2 for _, head in tries):
+        for line, what, remedy in filter(None, map(askew, parted)):
+            raise InputError(what, remedy, file=file, line=line)
     tries = [(grid, head) for grid, head in tries if _is_filled(grid, head)] or tries
     if not tries and not read_bytes(file, "give another file").strip():
         raise InputError("the file is empty", "give one that holds readings below headings", file=file, line=1)

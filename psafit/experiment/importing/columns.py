@@ -31,7 +31,17 @@ from psafit.experiment.importing.layout import Head, names, waveform_places
 from psafit.experiment.importing.matters import check_matters
 from psafit.experiment.importing.numerals import is_number, likeliest
 from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, missing_conditions, voltages
-from psafit.experiment.importing.quantities import COLUMNS, COUNT, LEVELS, QUANTITIES, SUFFIXES, VOLTS, Quantity, Volts
+from psafit.experiment.importing.quantities import (
+    COLUMNS,
+    COUNT,
+    LEVELS,
+    QUANTITIES,
+    SUFFIXES,
+    VOLTS,
+    Quantity,
+    Volts,
+    words,
+)
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.importing.units import Unit, conversion, factor_of, related
 from psafit.experiment.records import CONDITION_COLUMNS
@@ -83,6 +93,8 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
         _check_several(grid, head, chosen.of(column), faults)
     _check_unread(grid, head, chosen, faults)
     check_matters(grid, head, chosen, options, faults)
+    _check_bare(grid, head, chosen, faults)
+    faults.end()
     (check_trace if traced else _check_missing)(grid, head, chosen, options, faults)
     faults.end()
     counted = [_with_unit(grid, head, c, options, faults) for c in chosen.columns]
@@ -201,7 +213,11 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Fa
     if len(columns) == 1 or (role(first.column) in READ and (first.mapped or _repeated(columns))):
         return
     what = f"columns {listed(c.name for c in columns)} could all be {first.column}"
-    faults.add(fault(grid, head, what, f"say which: {option(columns[-1].option, first.column)}"))
+    remedy = f"say which: {option(columns[-1].option, first.column)}"
+    apart = (
+        "if each is of a trace of its own, save each with its trace in a file; else " if first.column == TIME else ""
+    )
+    faults.add(fault(grid, head, what, f"{apart}{remedy}"))
 
 
 def _check_one_table(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
@@ -252,6 +268,18 @@ def _check_motion(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
 def _not_yet(chosen: Chosen) -> str:
     """What psafit knows and cannot use."""
     return listed(f"{c.column} ({c.name})" for c in chosen.not_yet)
+
+
+def _check_bare(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
+    """Headings that name a condition say what was read there, too."""
+    bare = [c for c in chosen.unused if c.heading.at and not c.mapped and not words(c.heading.bare)]
+    if bare and not chosen.readings:
+        name = bare[0].heading.text
+        what = (
+            f"{listed(c.name for c in bare)} {'name conditions' if len(bare) > 1 else 'names a condition'}, and nothing"
+        )
+        remedy = f"write it into each heading, such as Range at {name} (um)"
+        faults.add(fault(grid, head, f"{what} what was read there", remedy))
 
 
 def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:

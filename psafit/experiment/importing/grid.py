@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import csv
 import io
+import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ Cell = object
 """Text; a number of a workbook; or what else a workbook may hold, such as a date."""
 # Encodings of instruments and spreadsheets: more of them would take each other's place in files of a few letters.
 _ENCODINGS = ["ascii", "utf_8", "utf_16", "utf_16_le", "utf_16_be", "cp1252"]
+_MARKUP = re.compile(r"\s*<(?:!doctype|\?xml|html|head|body|meta|table|svg)\b", re.IGNORECASE)
 _WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
 
 
@@ -99,6 +101,9 @@ def grids(file: Path, options: Options) -> list[Grid]:
     if kind := signed(raw):
         raise InputError(f"{kind}, no table", "save what it holds as CSV or .xlsx", file=file, line=1)
     text, encoding = _decoded(raw, file, options.encoding)
+    if kind := _structured(text):
+        remedy = "open it with what wrote it, or in a spreadsheet, and save its table as CSV or .xlsx"
+        raise InputError(f"{kind}, no table of text", remedy, file=file, line=1)
     tries = [options.separator] if options.separator else _separators(text)
     found, faults = [], []
     for separator in tries:
@@ -113,6 +118,22 @@ def grids(file: Path, options: Options) -> list[Grid]:
     if not found:
         raise faults[0]
     return found
+
+
+def _structured(text: str) -> str:
+    """What a text is that begins so and is no table; empty where it may be one."""
+    if _MARKUP.match(text):
+        return "HTML or XML"
+    if not text.lstrip().startswith(("{", "[")):
+        return ""
+    for part in (text, text.lstrip().partition("\n")[0]):  # or one record a line
+        try:
+            found = json.loads(part)
+        except (ValueError, RecursionError):
+            continue
+        if isinstance(found, dict) or any(isinstance(one, dict | list) for one in found):
+            return "JSON"
+    return ""
 
 
 def _decoded(raw: bytes, file: Path, encoding: str | None) -> tuple[str, str]:

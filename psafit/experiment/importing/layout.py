@@ -14,7 +14,7 @@ from psafit.experiment.importing.numerals import is_number
 from psafit.experiment.importing.quantities import BLANKS, CELL_ERRORS, COMMENTS, SUMMARIES, words
 from psafit.experiment.importing.records import IGNORED, Mapping, Options
 from psafit.experiment.importing.units import Unit, foreign, unit
-from psafit.experiment.text import shown
+from psafit.experiment.text import listed, shown
 
 
 @dataclass(frozen=True)
@@ -182,6 +182,36 @@ def _units(
     return none, first
 
 
+def number_rows(grid: Grid, least: int = 2) -> list[Row]:
+    """The rows of a text that a separator parts into numbers, all as wide, but for what stands first in each.
+
+    None where some row of so many cells is missing, or where none has a word: blanks may part it as well.
+    """
+    rows = [row for row in grid.rows if not row.is_blank and not is_comment(row.texts[0])]
+    found = [row for row in rows if len(row.cells) > 1 and all(map(is_number, row.cells[1:]))]
+    width = len(found[0].cells) if found else 0
+    headed = any(len(row.cells) == width and any(c.isalpha() for c in row.texts[0]) for row in rows)
+    return found if headed and len(found) >= least and all(len(row.cells) == width for row in found) else []
+
+
+def askew(grid: Grid) -> tuple[int, str, str] | None:
+    """Line, fault and remedy of a table that has quantities in rows, or a reading for each pair of two conditions.
+
+    None where it is neither.
+    """
+    rows = number_rows(grid)
+    named = [row for row in rows if not is_number(row.cells[0])]
+    if len(_quantities([row.texts[0] for row in named])) > 1:
+        what = f"{listed(shown(row.texts[0]) for row in named[:3])} stand before rows of numbers, none above a column"
+        return named[0].line, what, "turn the table, so that each of them stands above a column"
+    kinds = {said.kind for row in named if (said := heading(row.texts[0]).unit)}
+    if len(named) == 1 and rows[0] is named[0] and len(rows[0].cells) > 2 and kinds & {"Hz", "V"}:
+        what = f"{shown(named[0].texts[0])} stands before numbers, and what was read at each of them is not said"
+        remedy = "write above each column what it holds and where, such as Range at 10 Vpp (um) next to Frequency (Hz)"
+        return named[0].line, what, remedy
+    return None
+
+
 @dataclass(frozen=True)
 class Body:
     """The rows of a table that hold readings, and those that do not, with line and text."""
@@ -229,23 +259,22 @@ def body(grid: Grid, head: Head, needed: Sequence[int], most_rows: int) -> Body:
         for line, text in text_rows:
             fault(f"{shown(text)} stands between readings", "put # before it, or give each table a file", line)
         text_rows = []
-        if head.line and texts == again:
-            fault("the headings once more: another table", "give each table a file of its own", row.line)
-        elif grid.separator in BLANKS and len(texts) != len(again):
-            what = f"{len(texts)} cells in the row, {len(again)} headings: which one is empty is not clear"
-            fault(what, "fill it, quote headings of several words, or export with another separator", row.line)
-        elif head.line and len(texts) > len(again):
-            comma = "; decimal commas need another separator" if grid.separator == "," else ""
-            fault(
-                f"{len(texts)} cells in the row, {len(again)} headings", f"give each column a heading{comma}", row.line
-            )
-        elif words(texts[filled[0]]) in SUMMARIES:
-            fault(f"{shown(texts[filled[0]])} sums up readings and is none", "put # before it, or delete it", row.line)
+        if not any(char.isalnum() for text in texts for char in text):  # a rule
+            left_out.append((row.line, " ".join(filter(None, texts))))
+        elif refused := _no_reading(grid, head, texts):
+            fault(*refused, row.line)
         else:
             rows.append(row)
         if len(rows) > most_rows:
             fault(f"more than {most_rows} rows", "split the file", row.line)
             break
+    wordy = [row for row in rows if head.line and not any(map(is_number, row.cells))]
+    if wordy and len(wordy) < len(rows):
+        others = f", nor do {len(wordy) - 1} others" if len(wordy) > 1 else ""
+        what = f"{shown(' '.join(filter(None, wordy[0].texts)))} holds no number where other rows do{others}"
+        fault(
+            what, "put # before a remark, give another table a file of its own, or correct the numbers", wordy[0].line
+        )
     faults.end()
     if rows and head.line and not grid.sheet and (widest := max(row.width for row in rows)) < len(again):
         fault(f"{len(again)} headings, and no row of more than {widest} cells", "give each column a heading", head.line)
@@ -253,3 +282,33 @@ def body(grid: Grid, head: Head, needed: Sequence[int], most_rows: int) -> Body:
     if not rows:
         raise InputError("no readings below the headings", "add them", file=grid.file, line=head.line or None)
     return Body(tuple(rows), (*left_out, *text_rows))
+
+
+def _no_reading(grid: Grid, head: Head, texts: Sequence[str]) -> tuple[str, str] | None:
+    """What is wrong with a row that is filled where readings are, and the remedy; None where nothing is."""
+    again = tuple(h.text for h in head.headings)
+    first = next(filter(None, texts))
+    if head.line and texts == again:
+        return "the headings once more: another table", "give each table a file of its own"
+    if head.line and _are_headings(texts):
+        return f"{listed(map(shown, texts))} are headings: another table", "give each table a file of its own"
+    if grid.separator in BLANKS and len(texts) != len(again):
+        what = f"{len(texts)} cells in the row, {len(again)} headings: which one is empty is not clear"
+        return what, "fill it, quote headings of several words, or export with another separator"
+    if head.line and len(texts) > len(again):
+        comma = "; decimal commas need another separator" if grid.separator == "," else ""
+        return f"{len(texts)} cells in the row, {len(again)} headings", f"give each column a heading{comma}"
+    if words(first) in SUMMARIES:
+        return f"{shown(first)} sums up readings and is none", "put # before it, or delete it"
+    return None
+
+
+def _are_headings(texts: Sequence[str]) -> bool:
+    """Whether several cells of a row are headings of one quantity each, and none holds a number."""
+    return not any(map(is_number, texts)) and len(_quantities(texts)) > 1
+
+
+def _quantities(texts: Sequence[str]) -> set[str]:
+    """The columns of psafit's of which texts are headings for sure."""
+    could = [{q.column for q in heading(text).quantities()} for text in texts if text]
+    return {column for each in could if len(each) == 1 for column in each}

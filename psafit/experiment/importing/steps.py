@@ -17,7 +17,7 @@ from psafit.experiment.importing.numerals import NOTATIONS, is_number
 from psafit.experiment.importing.over_time import clock
 from psafit.experiment.importing.quantities import BLANKS, CLOCK_UNITS, COLUMNS, COMMENTS, STEPS, Quantity
 from psafit.experiment.importing.records import Mapping, Options
-from psafit.experiment.importing.units import Unit, spacing
+from psafit.experiment.importing.units import Unit, spacing, unit
 from psafit.experiment.text import listed, shown
 from psafit.experiment.trace_table import TIME
 
@@ -29,7 +29,7 @@ _VALUE = re.compile(r"\+?([\d.,]*\d(?:[eE][+-]?\d+)?)[\s=;,|]*(\D.*)?", re.ASCII
 
 
 def with_counts(grid: Grid, head: Head, options: Options, *, recording: bool = False) -> tuple[Grid, Head, Options]:
-    """Give samples without times a column that counts them, mapped to the time; leave any other table as it is.
+    """Give samples without times a column that counts them, mapped to the time; a time the unit that a header names.
 
     Parameters
     ----------
@@ -44,6 +44,7 @@ def with_counts(grid: Grid, head: Head, options: Options, *, recording: bool = F
     InputError
         Where nothing says the step, or when the drive starts; where a sample is missing, or may be a launch.
     """
+    head = _with_clock(grid, head)
     could = _could(grid, head, options)
     places = _recorded(head, could) if recording else _moving(grid, head, options, could)
     if not places:
@@ -145,9 +146,8 @@ def _stated(grid: Grid, head: Head, places: Sequence[int]) -> tuple[str, Decimal
 
 def _lines(grid: Grid, head: Head) -> Iterator[tuple[int, str, Decimal | None]]:
     """Line, text and step, us, where a line above the samples speaks of it; None where that is not clear."""
-    above = [(row, *_parts(row, grid.separator)) for row in grid.rows[: head.first] if row.line != head.line]
-    clocks = {rest for _, named, rest in above if named.name in CLOCK_UNITS}
-    for row, named, rest in above:
+    clocks = _clock_units(grid, head)
+    for row, named, rest in _above(grid, head):
         if named.name not in STEPS:
             continue
         found = _VALUE.fullmatch(rest)
@@ -155,6 +155,27 @@ def _lines(grid: Grid, head: Head) -> Iterator[tuple[int, str, Decimal | None]]:
         units = {found[2]} if found and found[2] else {named.unit.text} if named.unit else clocks
         steps = {spacing(v, u, STEPS[named.name]) for v in values for u in units}
         yield row.line, " ".join(filter(None, row.texts)), steps.pop() if len(steps) == 1 else None
+
+
+def _above(grid: Grid, head: Head) -> list[tuple[Row, Heading, str]]:
+    """The lines above the samples, what each is about, and what it says of that."""
+    return [(row, *_parts(row, grid.separator)) for row in grid.rows[: head.first] if row.line != head.line]
+
+
+def _clock_units(grid: Grid, head: Head) -> set[str]:
+    """Units of the clock that lines above the samples name: ``Horizontal Units,s``."""
+    return {rest for _, named, rest in _above(grid, head) if named.name in CLOCK_UNITS}
+
+
+def _with_clock(grid: Grid, head: Head) -> Head:
+    """Headings in which a time without a unit has the one that a line above them names."""
+    said = {text: found for text in _clock_units(grid, head) if (found := unit(text)) and found.kind == "us"}
+    times = [k for k, h in enumerate(head.headings) if [q.column for q in h.quantities(head.units[k])] == [TIME]]
+    if len(said) != 1 or len(times) != 1 or head.unit(times[0]):
+        return head
+    (clock_unit,) = said.values()
+    units = (clock_unit if k == times[0] else u for k, u in enumerate(head.units))
+    return replace(head, units=tuple(units))
 
 
 def _parts(row: Row, separator: str) -> tuple[Heading, str]:
