@@ -227,6 +227,9 @@ def _columns_text(table: Table) -> list[str]:
     for heading, labels in table.labelled:
         grouped = shlex.quote(f"{heading}=group")
         lines.append(f"  {heading!r} has {labels} labels; --column {grouped} makes a group of each")
+    for heading, known in table.errors:
+        said = shlex.quote(f"{heading}={known}")
+        lines.append(f"  {heading!r} may hold the known error of each reading; if so, say --column {said}")
     lines += [f"  not used: {heading!r} is {column}, which psafit cannot use yet" for heading, column in table.not_yet]
     lines += [f"  line {line} left out: {text[:80]}" for line, text in table.left_out[:3]]
     if len(table.left_out) > 3:
@@ -302,6 +305,7 @@ def _table_result(table: Table) -> dict[str, Any]:
         "columns": columns,
         "not_used": list(table.unused),
         "labelled": [{"heading": heading, "labels": labels} for heading, labels in table.labelled],
+        "errors": [{"heading": heading, "column": column} for heading, column in table.errors],
         "not_yet": [{"heading": heading, "column": column} for heading, column in table.not_yet],
         "left_out": [{"line": line, "text": text} for line, text in table.left_out],
         "groups": [

@@ -463,3 +463,43 @@ def test_the_unit_of_a_clock_stands_above_it(said: str, factor: float, tmp_path:
         assert table.groups[0].time_us == pytest.approx(np.arange(0.0, 60.0, 5.0), rel=1e-12)
     asked = refused(tmp_path, f"TIME,CH1\n{rows}", **HELD, columns=velocity)
     assert "column 'TIME' gives no unit" in asked
+
+
+# --- known errors of other names ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["± (um)", "+/- (um)", "SD (um)", "Std", "Error (um)", "u(L)", "u(Range) (um)", "Range error (um)", "SD range"],
+)
+def test_what_may_be_a_known_error_is_proposed(name: str, tmp_path: Path) -> None:
+    content = f"f (Hz);Vp;Range (um);{name}\n1200;20;76;0.5\n1300;20;75;1\n"
+    (table,) = tables(tmp_path, content)
+    assert table.unused == (name,) and table.groups[0].sigma is None
+    ((heading, said),) = table.errors
+    (as_said,) = tables(tmp_path, content, columns=(mapped(f"{heading}={said}"),))
+    assert as_said.groups[0].sigma.tolist() == [0.5, 1.0] and not as_said.errors
+    (ignored,) = tables(tmp_path, content, columns=(Mapping(name, "ignore"),))
+    assert not ignored.errors
+
+
+@pytest.mark.parametrize("name", ["SD (N)", "Std (Hz)", "Humidity (%)", "Mean (um)"])
+def test_what_is_no_known_error_is_not_proposed(name: str, tmp_path: Path) -> None:
+    """In another unit, or of another name; nor is a second one."""
+    (table,) = tables(tmp_path, f"f (Hz);Vp;Range (um);{name}\n1200;20;76;0.5\n")
+    assert not table.errors
+    (table,) = tables(tmp_path, "f (Hz);Vp;Range (um);sigma (um);SD (um)\n1200;20;76;0.5;1\n")
+    assert not table.errors
+    (table,) = tables(tmp_path, "f (Hz);Vp;Range (um);Force (N);Std\n1200;20;76;0.5;1\n")
+    assert not table.errors
+
+
+def test_a_known_error_is_proposed_in_print(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "in.csv"
+    file.write_text("f (Hz);Vp;Range (um);SD\n1200;20;76;1\n", encoding="utf-8")
+    assert run(monkeypatch, "import", file, "--out", tmp_path / "out", "--waveform", "sine") == 0
+    assert (
+        "'SD' may hold the known error of each reading; if so, say --column SD=sigma_um:um" in capsys.readouterr().out
+    )

@@ -20,7 +20,7 @@ import numpy as np
 from psafit.drives import NAMES, TABLE
 from psafit.errors import Faults, InputError
 from psafit.experiment.drive_table import RECORDED
-from psafit.experiment.importing.chosen import HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
+from psafit.experiment.importing.chosen import ERROR_OF, HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
 from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, Row, grids
@@ -304,6 +304,7 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
         examples=tuple(shown_rows),
         unused=tuple(c.title for c in chosen.unused if c.heading.text),
         labelled=tuple(_labelled(chosen, rows.rows)),
+        errors=tuple(_errors(chosen, head)),
         not_yet=tuple((c.title, c.column) for c in chosen.not_yet),
         left_out=(*rows.left_out, *early),
         groups=tuple(groups),
@@ -321,6 +322,17 @@ def _labelled(chosen: Chosen, rows: Sequence[Row], least: int = 2) -> Iterator[t
         in_blocks = len(blocks) == len(set(blocks)) > 1 and all(blocks) and least * len(blocks) <= len(labels)
         if in_blocks and column.heading.text and not column.mapped:
             yield column.option, len(blocks)
+
+
+def _errors(chosen: Chosen, head: Head) -> Iterator[tuple[str, str]]:
+    """Columns that are not used and may hold the known error of the one kind of reading in their unit."""
+    missing = {of: name for name, of in ERROR_OF.items() if chosen.of(of) and not chosen.of(name)}
+    for column in (c for c in chosen.unused if c.heading.spreads and not c.mapped):
+        said = head.unit(column.place)
+        could = [of for of in missing if said is None or said.kind == COLUMNS[of].unit]
+        if len(could) == 1:
+            unit = "" if said else next((f":{c.unit.text}" for c in chosen.of(could[0]) if c.unit), "")
+            yield column.option, f"{missing[could[0]]}{unit}"
 
 
 def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options) -> str:

@@ -19,6 +19,7 @@ from psafit.experiment.importing.quantities import (
     PARTS,
     PERIODS,
     QUANTITIES,
+    SPREADS,
     WAVEFORM_NAMES,
     Quantity,
     Volts,
@@ -32,6 +33,7 @@ _BETWEEN = re.compile(r"\s+in\s+|\s*[/,_:]\s*|\s+")
 _AT = re.compile(
     r"(?:\b(?:at|bei|à)\s+|@\s*)?(?<![A-Za-z0-9.,])(\d+(?:[.,]\d+)?)\s*([A-Za-zµμ]+(?:-[a-z]+)?)(?![A-Za-z0-9/])"
 )
+_SPREAD = re.compile(r"\s*(?:±|\+/-|[us]\s*\([^\d()]+\))")
 _GLUED = re.compile(r"([vu])(pp|pkpk|ss|rms|eff|0pk|0p|pk|p)")
 # A quantity times or over a number; 1/3 counts.
 _COMPUTED = re.compile(r"[^\W\d]\s*[/*×÷]\s*[\d.]|\d\s*[*×]\s*[^\W\d]")
@@ -101,6 +103,14 @@ class Heading:
     def counts(self) -> Volts | None:
         """How its volts are counted, if it is an amplitude, whatever else its name says: ``Generator Vpp``."""
         return None if self.computed else self.volts or _counting(self.name)
+
+    @property
+    def spreads(self) -> bool:
+        """Whether it may be the known error of a reading: ``± (um)``, ``u(L)``, ``SD range``."""
+        if _SPREAD.match(self.text):
+            return True
+        names = [n for q in QUANTITIES if q.role == "reading" for n in ("", *q.names)]
+        return any(self.name in (f"{s} {n}".strip(), f"{n} {s}".strip()) for s in SPREADS for n in names)
 
     @property
     def of_tip(self) -> bool:

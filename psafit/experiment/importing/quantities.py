@@ -166,6 +166,12 @@ WAVEFORM_NAMES = {
     "waveform", "wave form", "wave", "waveform type", "wave type", "wave shape", "waveform shape", "signal form",
     "signal shape", "signalform", "kurvenform", "wellenform", "forme d onde", "forma de onda", "forma d onda",
 }  # fmt: skip
+# What a known error may be called, or how readings that were repeated spread: which of both must be said.
+SPREADS = {
+    "sd", "std", "std dev", "stdev", "stddev", "standard deviation", "se", "sem", "standard error", "error", "err",
+    "uncertainty", "σ", "standardabweichung", "fehler", "messfehler", "unsicherheit", "messunsicherheit", "incertitude",
+    "erreur", "écart type", "ecart type",
+}  # fmt: skip
 # What is one over a frequency.
 PERIODS = {"period", "period time", "periode", "periodendauer", "période"}
 # What generators call the ends of a drive.

@@ -191,6 +191,8 @@ class Table:
         Headings that were left out, since they are none of psafit's or were to be ignored.
     labelled : tuple of (str, int)
         Those of them that hold a label for each block of rows, and how many labels.
+    errors : tuple of (str, str)
+        Those of them that may hold the known error of a reading, and what `--column` would call them.
     not_yet : tuple of (str, str)
         Headings that were recognised as a quantity that psafit cannot use, and that quantity.
     left_out : tuple of (int, str)
@@ -209,6 +211,7 @@ class Table:
     examples: tuple[Example, ...]
     unused: tuple[str, ...]
     labelled: tuple[tuple[str, int], ...]
+    errors: tuple[tuple[str, str], ...]
     not_yet: tuple[tuple[str, str], ...]
     left_out: tuple[tuple[int, str], ...]
     groups: tuple[Group, ...] = field(repr=False)
