@@ -138,11 +138,11 @@ def _heads(file: Path, options: Options, example: str, units: Sequence[str] = ()
     """
     found = grids(file, options)
     tries = [(grid, head) for grid in found if (head := find_head(grid, options, units))]
-    marked = [grid for grid in found if grid.separator not in BLANKS]
-    parted = [grid for grid in marked if number_rows(grid)]
-    if parted or any(head.known > 1 for grid, head in tries if grid in marked):  # blanks are within headings
-        tries = [(grid, head) for grid, head in tries if grid in marked]
-    if all(head.known < 2 for _, head in tries):
+    marked = [(grid, head) for grid, head in tries if grid.separator not in BLANKS]
+    if any(head.known > 1 for _, head in marked):  # blanks are within headings
+        tries = marked
+    elif parted := [grid for grid in found if grid.separator not in BLANKS and number_rows(grid)]:
+        tries = marked
         for line, what, remedy in filter(None, map(askew, parted)):
             raise InputError(what, remedy, file=file, line=line)
     tries = [(grid, head) for grid, head in tries if _is_filled(grid, head)] or tries

@@ -77,7 +77,7 @@ def readings(
         _check_decimals(grid, body, chosen)
     faults = RowFaults(grid.file)
     held, settings, read_columns = chosen.held(options), chosen.settings(options), chosen.readings
-    found = []
+    found, times = [], _together(chosen)
     for row in body.rows:
         before = faults.count
         drive = options.drive_of(_waveform(row, chosen, waveform, options, faults), settings)
@@ -85,7 +85,7 @@ def readings(
         own = {c.column: v for c in quantities if c.column in SETTINGS and (v := values.pop(c)) is not None}
         drive = _at_rest(grid, row, drive, chosen, settings | own, options)
         label = " ".join(text_of(_cell(row, c)) for c in chosen.of(GROUPS))
-        repetitions = _repetitions(values, chosen)
+        repetitions = _repetitions(values, times, chosen)
         if faults.count == before and not repetitions:
             what, remedy = "is empty", "enter the value, or delete the row if nothing was read"
             faults.add(read_columns[0], what, remedy, row.line)
@@ -97,7 +97,7 @@ def readings(
             known = _held(held, drive, options) | others
             known |= {c.column: v for c, v in read.items() if v is not None}
             first = next(iter(read))
-            known = _named(grid, head, first, drive, options) | known
+            known = _named(grid, head, first, drive, options) | known if first.heading.at else known
             found.append(Reading(row.line, drive, label, tuple(known.items()), first.place if chosen.traced else 0))
             for c, v in read.items():
                 if v is not None and v < 0 and not chosen.traced:
@@ -166,17 +166,26 @@ def _named(grid: Grid, head: Head, column: Column, drive: Drive, options: Option
     return found
 
 
-def _repetitions(values: dict[Column, float | None], chosen: Chosen) -> list[dict[Column, float | None]]:
-    """What was read together, time after time; a cell that is empty was not read. Each column of a trace is one.
+def _together(chosen: Chosen) -> list[list[Column]]:
+    """The columns that were read together, time after time. Each column of a trace is one.
 
-    Columns whose headings name other conditions were not read together. The drive that was recorded next to a trace was
-    read where the trace was not, too.
+    Columns whose headings name other conditions were not read together.
     """
     columns = [chosen.of(name) for name in chosen.readings]
-    alone = [[c] for same in columns for c in same]
+    if chosen.traced:
+        return [[c] for same in columns for c in same]
     conditions = dict.fromkeys(c.at for same in columns for c in same)
     together = (zip_longest(*([c for c in same if c.at == at] for same in columns)) for at in conditions)
-    times = alone if chosen.traced else [list(filter(None, time)) for each in together for time in each]
+    return [list(filter(None, time)) for each in together for time in each]
+
+
+def _repetitions(
+    values: dict[Column, float | None], times: Sequence[Sequence[Column]], chosen: Chosen
+) -> list[dict[Column, float | None]]:
+    """What was read in a row, time after time; a cell that is empty was not read.
+
+    The drive that was recorded next to a trace was read where the trace was not, too.
+    """
     every = [{c: values[c] for c in time} for time in times]
     read = [found for time in every if (found := {c: v for c, v in time.items() if v is not None})]
     return every if read and chosen.traced and chosen.of(VOLTAGE) else [dict(time) for time in read]
