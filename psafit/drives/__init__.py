@@ -54,7 +54,7 @@ def _named(words: list[str], names: Mapping[str, str]) -> list[str]:
     sets = [(id, {short.get(word, word) for word in name.split()}) for name, id in names.items()]
     vocabulary = sorted({word for name in names for word in name.split()})
     near = [difflib.get_close_matches(word[:40], vocabulary, n=1, cutoff=_NEARLY) for word in words if word.isalpha()]
-    if len(near) < len(words) or not all(near):
+    if not near or len(near) < len(words) or not all(near):
         return []
     said = {short.get(word, word) for (word,) in near}
     return list(dict.fromkeys([id for id, has in sets if has == said] or [id for id, has in sets if has > said]))

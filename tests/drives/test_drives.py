@@ -68,10 +68,10 @@ def test_what_there_is_not_leads_on() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", ["triangle_unipolar", "abs_sine", "sin^2", "-sine", "sine 0 to V", "bipolar_square", "inverted sine"]
+    "wrong", ["triangle_unipolar", "abs_sine", "sin^2", "-sine", "sine 0 to V", "bipolar_square", "inverted sine", ""]
 )
 def test_a_word_that_changes_a_waveform_names_none(wrong: str) -> None:
-    """What nearly has a waveform's name would be described by another's."""
+    """What nearly has a waveform's name would be described by another's; no name is near to none."""
     assert instead(wrong).startswith("there are sine, square,")
 
 
