@@ -16,6 +16,8 @@ from psafit.experiment.importing.records import IGNORED, Mapping, Options
 from psafit.experiment.importing.units import Unit, foreign, unit
 from psafit.experiment.text import listed, shown
 
+_WAVEFORMS = {words(name): w.id for w in WAVEFORMS.values() for name in (w.id, *w.names)}
+
 
 @dataclass(frozen=True)
 class Head:
@@ -73,8 +75,7 @@ def waveform_places(grid: Grid, head: Head) -> list[int]:
 
 def waveform(text: str) -> str:
     """Psafit's waveform of this name; empty for any other."""
-    called = (w.id for w in WAVEFORMS.values() if words(text) in {words(name) for name in (w.id, *w.names)})
-    return next(called, "")
+    return _WAVEFORMS.get(words(text), "")
 
 
 def is_comment(text: str) -> bool:
@@ -183,9 +184,10 @@ def _units(
 
 
 def number_rows(grid: Grid, least: int = 2) -> list[Row]:
-    """The rows of a text that a separator parts into numbers, all as wide, but for what stands first in each.
+    """The rows of a text that a separator parts into numbers, but for what stands first in each.
 
-    None where some row of so many cells is missing, or where none has a word: blanks may part it as well.
+    None unless they are as wide as each other, at least so many, and some row of that width begins with a word: blanks
+    may part the text as well.
     """
     rows = [row for row in grid.rows if not row.is_blank and not is_comment(row.texts[0])]
     found = [row for row in rows if len(row.cells) > 1 and all(map(is_number, row.cells[1:]))]
