@@ -232,6 +232,7 @@ def test_what_only_sounds_so_does_not_matter(name: str, tmp_path: Path) -> None:
 def test_a_constant_of_the_rig_goes_to_its_place(tmp_path: Path) -> None:
     content = "f (Hz);Vp;Range (um);String length (mm)\n1200;20;76;60\n1300;20;75;{}\n"
     assert refused(tmp_path, content.format(60)).endswith("--column 'String length (mm)=ignore' --set l=60:mm")
+    assert refused(tmp_path, content.replace("60", "60.12345").format(60.12345)).endswith("--set l=60.12345:mm")
     assert "write constants = { l = ... }, m, into its group" in refused(tmp_path, content.format(90))
 
 

@@ -14,6 +14,7 @@ from psafit.experiment.importing.quantities import COLUMNS
 from psafit.experiment.importing.records import IGNORED, Options
 from psafit.experiment.importing.units import factor_of
 from psafit.experiment.records import CONSTANT_UNITS
+from psafit.experiment.writer import number_text
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ def _unit(column: Column, head: Head, matter: Matter) -> str | None:
     said, target = head.unit(column.place), _target(matter)
     for name in (n for n in matter.names if f"{column.heading.name} ".startswith(f"{n} ")):
         rest = column.heading.name.removeprefix(name).strip() or (said.text if said else "")
-        if not rest or factor_of(rest, target) is not None if target else said is None or not said.kind:
+        if (not rest or factor_of(rest, target) is not None) if target else (said is None or not said.kind):
             return rest
     return None
 
@@ -103,7 +104,7 @@ def _asked(column: Column, matter: Matter, unit: str, numbers: Sequence[float]) 
         what = f"column {column.name} is {matter.column} of the rig, which is no column of psafit's"
         if len(set(numbers)) > 1:
             return what, f"say {ignored}, and write constants = {{ {matter.column} = ... }}, {target}, into its group"
-        return what, f"say {ignored} --set {matter.column}={numbers[0]:g}:{unit or target}"
+        return what, f"say {ignored} --set {matter.column}={number_text(numbers[0])}:{unit or target}"
     if matter.column:
         what = f"column {column.name} may be {matter.column} of the drive, or another quantity"
         return what, f"say {option(column.option, matter.column, '' if unit else target)}, or {ignored}"
