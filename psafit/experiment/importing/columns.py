@@ -210,6 +210,11 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Fa
     first = columns[0]
     if len({bool(c.at) for c in columns}) > 1:  # what is missing in a heading is said elsewhere
         return
+    if role(first.column) == "error" and (some := [c for c in columns if c.heading.at]):
+        what = f"column {some[0].name} is {first.column} at one condition, and would count for the whole row"
+        remedy = f"say {option(some[0].option, IGNORED)}, or give what was read at each condition rows of its own"
+        faults.add(fault(grid, head, what, remedy))
+        return
     if len(columns) == 1 or (role(first.column) in READ and (first.mapped or _repeated(columns))):
         return
     what = f"columns {listed(c.name for c in columns)} could all be {first.column}"
