@@ -146,11 +146,11 @@ def _say_of_conditions(chosen: Sequence[Term], groups: Sequence[Conditions], qui
 
 
 def _taken_for_ranges(groups: Sequence[Conditions]) -> list[str]:
-    """A line for each planned group of launch ranges where no group that was measured reads them."""
+    """A line for each planned group of launch ranges where launches were measured, and no range of any."""
     from psafit.experiment import Group
     from psafit.observables import LAUNCH_RANGE
 
-    read = list(dict.fromkeys(o for g in groups if isinstance(g, Group) for o in g.observables))
+    read = list(dict.fromkeys(o for g in groups if isinstance(g, Group) for o in g.observables if not o.traced))
     if not read or LAUNCH_RANGE in read:
         return []
     others, columns = (" and ".join(names) for names in ([o.titles for o in read], [o.column for o in read]))

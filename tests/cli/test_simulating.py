@@ -12,6 +12,7 @@ import pandas
 import pytest
 from commands import run
 from diagnoses_by_hand import make_record
+from fits_by_hand import make_run, mixed_groups
 
 from psafit.cli import simulating
 from psafit.cli.common import idle
@@ -246,6 +247,13 @@ def test_a_plan_taken_for_ranges_says_so(known_folder: Path, tmp_path: Path, mon
     ranges = shutil.copytree(known_folder, tmp_path / "ranges")
     (ranges / planned.file).write_text("frequency_hz,amplitude_v\n500,20\n", "utf-8")
     assert run(monkeypatch, "simulate", ranges) == 0 and not capsys.readouterr().err
+    traces = tmp_path / "traces"  # a column of theirs has no place in a file of launches
+    _, trace, _ = mixed_groups()
+    write_experiment(make_run(tmp_path, (trace,), (trace.id,)).problem.experiment, traces)
+    (traces / "p.csv").write_text("frequency_hz,amplitude_v\n500,20\n", "utf-8")
+    with (traces / "experiment.toml").open("a", encoding="utf-8") as definition:
+        definition.write('\n[[group]]\nid = 9\nwaveform = "sine"\nfile = "p.csv"\n')
+    assert run(monkeypatch, "simulate", traces) == 0 and not capsys.readouterr().err
 
 
 def test_simulate(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
