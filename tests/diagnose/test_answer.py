@@ -156,11 +156,11 @@ def test_where_a_reading_was_taken_is_reported() -> None:
     """Of what is furthest, along a trace with its time, and of what may change most."""
     d = record()
     (first, *_) = d.misfit.extended.furthest if d.misfit.extended else d.misfit.baseline.furthest
-    late = replace(first, group=4, frequency_hz=6900.0, amplitude_v=60.0, time_us=120.5)
-    assert "group 4, 6900 Hz, 60 V, 120.5 us (" in Furthest([], [late], 0, None).say(PLAIN)
+    late = replace(first, group=4, frequency_hz=6900.0, amplitude_v=60.0, time_us=12000.5)
+    assert "group 4, 6900 Hz, 60 V, 12000.5 us (" in Furthest([], [late], 0, None).say(PLAIN)
     bounded = [replace(d.screening[0], id="preload", room=0.19, room_at=late)]
     (left,) = of(replace(d, verdict="explained", screening=bounded), Room)
-    assert "preload changes a reading (group 4, 6900 Hz, 60 V, 120.5 us) by up to 19 %" in left.say(PLAIN)
+    assert "preload changes a reading (group 4, 6900 Hz, 60 V, 12000.5 us) by up to 19 %" in left.say(PLAIN)
 
 
 def test_what_the_tests_alone_would_not_have_asked_for_rests_on_odds() -> None:

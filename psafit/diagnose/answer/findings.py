@@ -332,7 +332,7 @@ class BreaksLaw(Statement):
 
 def _place(at: Condition, words: Words) -> str:
     """Where a reading was taken: its group and condition, along a trace also when."""
-    when = "" if at.time_us is None else f", {at.time_us:.4g} us"
+    when = "" if at.time_us is None else f", {at.time_us:.6g} us"
     condition = words.number(f"{at.frequency_hz:.6g} Hz, {at.amplitude_v:.4g} V{when}")
     return words.put("{}, {}", words.groups([at.group]), condition)
 
