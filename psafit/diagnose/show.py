@@ -28,7 +28,7 @@ from scipy.stats import f, t
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.residuals import conditions, in_session, sweeps
-from psafit.experiment import GroupId, by_group, read_as
+from psafit.experiment import GroupId, by_part, read_as
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.observables import LAUNCH_RANGE, recorded_name
@@ -94,16 +94,19 @@ def lines(candidate: Candidate) -> list[Line]:
     groups = [g.filled() for g in problem.experiment.select(problem.group_ids)]
     n_points = sum(g.n_points for g in groups)
     finer = replace(problem, experiment=replace(problem.experiment, groups=read_as(groups, np.zeros(n_points))))
-    each = {id: by_group(groups, um) for id, um in without_each(finer, top, finer.group_ids).items()}
-    found = []
-    for k, (whole, um) in enumerate(zip(groups, by_group(groups, finer.predict(top)[0]), strict=True)):
-        for g in whole.parts:
-            if g.along is None:
-                continue
-            here = whole.measured == g.measured[0]
-            without = {id: values[k][here].tolist() for id, values in each.items()}
-            found.append(Line(g.id, g.along.tolist(), um[here].tolist(), without, recorded_name(g.observable)))
-    return found
+    each = {id: by_part(groups, um) for id, um in without_each(finer, top, finer.group_ids).items()}
+    parts = [part for whole in groups for part in whole.parts]
+    return [
+        Line(
+            g.id,
+            g.along.tolist(),
+            um.tolist(),
+            {id: without[k].tolist() for id, without in each.items()},
+            recorded_name(g.observable),
+        )
+        for k, (g, um) in enumerate(zip(parts, by_part(groups, finer.predict(top)[0]), strict=True))
+        if g.along is not None
+    ]
 
 
 @dataclass(frozen=True)

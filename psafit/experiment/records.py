@@ -269,6 +269,12 @@ def by_group(groups: Iterable[Conditions], values: FloatArray) -> list[FloatArra
     return np.split(values, np.cumsum([g.n_points for g in groups])[:-1])
 
 
+def by_part(groups: Sequence[Conditions], values: FloatArray) -> list[FloatArray]:
+    """Values, (n_points,), one group after the other, as one array for each of the groups' `parts`."""
+    each = zip(groups, by_group(groups, values), strict=True)
+    return [own[g.measured == kind] for g, own in each for kind in np.unique(g.measured)]
+
+
 def read_as(groups: Sequence[Conditions], reading: FloatArray) -> tuple[Group, ...]:
     """Sweeps, measured or planned, with these readings, (n_points,), one group after the other."""
     kept = [f.name for f in fields(Conditions)]

@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from psafit.arrays import FloatArray
-from psafit.experiment import Conditions, by_group
+from psafit.experiment import Conditions, by_part
 from psafit.files import write_atomically
 from psafit.report import figures
 from psafit.report.style import figure_style
@@ -36,17 +35,11 @@ def write_picture(groups: Sequence[Conditions], predicted: Mapping[str, Sequence
     curves: list[list[figures.Curve]] = [[] for _ in parts]
     for k, (name, (at_readings, between)) in enumerate(predicted.items()):
         color, dashed = _COLORS[k % len(_COLORS)], k % 2 == 1
-        values = zip(finer, _by_part(groups, at_readings), _by_part(filled, between), strict=True)
+        values = zip(finer, by_part(groups, at_readings), by_part(filled, between), strict=True)
         for drawn, (g, middle, line) in zip(curves, values, strict=True):
             smooth = None if g.along is None else (g.along, line)
             drawn.append(figures.Curve(name, color, middle, dashed=dashed, line=smooth))
     save(figures.groups_figure(parts, [figures.sweep_of(g) for g in parts], curves), path)
-
-
-def _by_part(groups: Sequence[Conditions], values: FloatArray) -> list[FloatArray]:
-    """Values, (n_points,), one group after the other, as one array for each of the groups' `parts`."""
-    each = zip(groups, by_group(groups, values), strict=True)
-    return [own[g.measured == kind] for g, own in each for kind in np.unique(g.measured)]
 
 
 def save(figure: Figure, path: Path, dpi: int = 200) -> None:

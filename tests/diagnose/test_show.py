@@ -14,7 +14,7 @@ from truths import experiment, problem
 
 from psafit.diagnose import show
 from psafit.diagnose.show import corners, drift, growth, offsets
-from psafit.experiment import Group, by_group, fingerprint
+from psafit.experiment import Group, by_part, fingerprint
 from psafit.inference.candidate import candidate_at, fit
 from psafit.report.diagnosis.shown import shown_groups
 from psafit.simulate import Design, simulate
@@ -104,19 +104,12 @@ def test_each_observable_has_a_curve_between_its_readings(tmp_path: Path) -> Non
     found = show.lines(candidate)
     parts = [part for g in experiment.groups for part in g.parts]
     assert [line.of for line in found] == [(str(p.id), p.observable.name) for p in parts]
-    fitted = dict(zip(((p.id, p.observable.name) for p in parts), _each(experiment, candidate.predicted), strict=True))
-    for p, line in zip(parts, found, strict=True):
+    for p, fitted, line in zip(parts, by_part(experiment.groups, candidate.predicted), found, strict=True):
         assert (line.observable is None) == (p.observable.name == "launch_range")
-        assert np.interp(p.along, line.at, line.um) == pytest.approx(fitted[p.id, p.observable.name], rel=1e-9)
+        assert np.interp(p.along, line.at, line.um) == pytest.approx(fitted, rel=1e-9)
     record = make_record(experiment)
     shows = {name: replace(model, predicted_um=candidate.predicted.tolist(), without_um={}, lines=found)
              for name, model in record.show.items()}  # fmt: skip
     for shown, line in zip(shown_groups(replace(record, show=shows), experiment, tmp_path), found, strict=True):
         for curve in shown.curves:
             assert curve.line is not None and curve.line[1].tolist() == line.um
-
-
-def _each(experiment, values):
-    """Values, one group after the other, of each observable of a group."""
-    each = zip(experiment.groups, by_group(experiment.groups, values), strict=True)
-    return [own[g.measured == kind] for g, own in each for kind in np.unique(g.measured)]
