@@ -44,7 +44,7 @@ class Predicted:
         Of the prediction, and of the 90 % predictive interval of a reading; in the unit of the group's observable.
     log_density : array
         Log predictive density of each reading, per unit; NaN where it is not on record.
-    named_alone : bool
+    waveform_alone : bool
         Whether of the group's drive no more than the waveform is known, as from a file of predictions.
     """
 
@@ -54,7 +54,7 @@ class Predicted:
     lower: FloatArray
     upper: FloatArray
     log_density: FloatArray
-    named_alone: bool = field(default=False, kw_only=True)
+    waveform_alone: bool = field(default=False, kw_only=True)
 
     @property
     def key(self) -> tuple[str, str | None]:
@@ -241,7 +241,9 @@ def _of_diagnosis(folder: Path) -> Side:
     if (kept := folder / "experiment").is_dir():
         drives = {str(g.id): g.drive for g in read_experiment(kept).groups}
         predicted = [
-            replace(t, group=replace(t.group, drive=drives[t.key[0]]), named_alone=False) if t.key[0] in drives else t
+            replace(t, group=replace(t.group, drive=drive), waveform_alone=False)
+            if (drive := drives.get(t.key[0]))
+            else t
             for t in predicted
         ]
     return Side(_name(folder), "diagnosis", record.title, record.groups, record.named, facts, parameters, predicted)
@@ -298,7 +300,7 @@ def _read_table(path: Path, observable: Observable, model: str | None) -> list[P
                 ),
                 str(rows["role"].iloc[0]),
                 *(rows[name].to_numpy(float) for name in (*found, "log_density")),
-                named_alone=True,
+                waveform_alone=True,
             )
             for id, rows in table.groupby("group", sort=False)
         ]
@@ -367,7 +369,7 @@ def _same(one: Predicted, other: Predicted | None) -> bool:
     return (
         other is not None
         and one.group.waveform == other.group.waveform
-        and (one.named_alone or other.named_alone or one.group.drive == other.group.drive)
+        and (one.waveform_alone or other.waveform_alone or one.group.drive == other.group.drive)
         and all(np.array_equal(getattr(one.group, name), getattr(other.group, name)) for name in _MEASURED)
         and np.array_equal(one.group.time_us, other.group.time_us)  # type: ignore[arg-type]  # None of launches
     )

@@ -196,7 +196,7 @@ def test_readings_under_another_drive_are_not_compared(tmp_path: Path) -> None:
         driven = [replace(t, group=replace(t.group, drive=drive)) if t.group.id == 1 else t for t in other.predicted]
         assert compare(one, replace(other, predicted=driven)).apart == [1]
         assert compare(replace(one, predicted=driven), replace(other, predicted=driven)).apart == []
-        named = [replace(t, group=replace(t.group, drive=Drive("sine")), named_alone=True) for t in driven]
+        named = [replace(t, group=replace(t.group, drive=Drive("sine")), waveform_alone=True) for t in driven]
         assert compare(replace(one, predicted=named), replace(other, predicted=driven)).apart == []
 
 
@@ -204,11 +204,11 @@ def test_a_diagnosis_knows_the_drives_of_the_experiment_that_it_keeps(
     diagnosis: tuple[Path, Experiment], tmp_path: Path
 ) -> None:
     folder, experiment = shutil.copytree(diagnosis[0], tmp_path / "found"), diagnosis[1]
-    assert all(t.named_alone for t in read_side(folder).predicted)
+    assert all(t.waveform_alone for t in read_side(folder).predicted)
     biased = replace(experiment.groups[0], drive=Drive("sine", bias_v=2.0))
     write_experiment(replace(experiment, groups=(biased, *experiment.groups[1:])), folder / "experiment")
     kept = read_side(folder).predicted
-    assert kept[0].group.drive == biased.drive and not any(t.named_alone for t in kept)
+    assert kept[0].group.drive == biased.drive and not any(t.waveform_alone for t in kept)
 
 
 def test_damaged_predictions_are_one_line(tmp_path: Path) -> None:
