@@ -14,15 +14,14 @@ from psafit.experiment import Constants
 from psafit.physics import terms
 from psafit.simulate import Design, simulate
 
-# What makes the closed form run, and what the stepper.
-ENGINES = ((), ("hertz_exponent",))
+# Causes, and values of the parameters: of what the closed form simulates, and of what the stepper does.
+ENGINES = (((), (4e5, 9e3, 60.0)), (("hertz_exponent",), (4e5, 9e3, 60.0, 1.5)))
 
 
-def launch(causes: tuple[str, ...]) -> None:
+def launch(causes: tuple[str, ...], values: tuple[float, ...]) -> None:
     """Simulate launches of one set of parameters, and of a batch that several threads share."""
     rig = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
     design = Design.sweep(rig, "sine", np.geomspace(200.0, 2000.0, 64), 20.0)
-    values = [4e5, 9e3, 60.0, 1.5][: 3 + len(causes)]
     for n_sets in (1, 256):
         simulate(design, np.tile(values, (n_sets, 1)), terms(causes))
 
@@ -30,7 +29,7 @@ def launch(causes: tuple[str, ...]) -> None:
 def main() -> None:
     """Compile each engine in a process of its own."""
     with ProcessPoolExecutor(len(ENGINES)) as processes:
-        for done in [processes.submit(launch, causes) for causes in ENGINES]:
+        for done in [processes.submit(launch, *engine) for engine in ENGINES]:
             done.result()
 
 
