@@ -192,9 +192,8 @@ def group_text(group: Conditions, file: str) -> str:
         names = zip(CONDITION_COLUMNS, condition, strict=True)
         lines += [f"{name} = {number_text(value)}" for name, value in names]
     settings = group.drive.settings
-    if group.drive.recorded or "bias_v" in settings:  # without what it rests at it is asked for
-        bias = {name: settings[name] for name in ("bias_v",) if name in settings}
-        settings = {**bias, "idle_v": group.drive.idle_v, **settings}
+    if group.drive.recorded or "bias_v" in settings:
+        settings.setdefault("idle_v", group.drive.idle_v)  # left out, it is asked for
     for key, value in settings.items():
         lines.append(f"{key} = {_quoted(value) if isinstance(value, str) else number_text(value)}")
     if group.changed:
