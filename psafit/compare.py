@@ -173,7 +173,7 @@ class Comparison:
     groups : list of GroupPair
         With the same readings in both.
     apart : list of group ids
-        That only one of them has, or that hold other readings.
+        That only one of them has, or whose readings or drive differ.
     judged : list of group ids
         That the means are over: see `GroupPair.judged`.
     log_rmse : list of float, optional

@@ -59,13 +59,14 @@ def write_comparison(first: Side, second: Side, found: Comparison, out_path: Pat
     shown = _shown(first, second, found)
     pictured = [shown[i] for i in worst([max(g.pair.log_rmse) for g in shown])]
     differing = [f for f in found.facts if f.first != f.second]
+    apart = groups(left) if (left := _apart(first, second, found)) else None
     return render(
         "comparison.html.j2",
         out_path,
         title=f"{first.name} and {second.name} side by side",
         names=[first.name, second.name],
         verdict=_verdict(found),
-        sentences=[_compared(first, second, found), _better(first, second, found), what_differs(found)],
+        sentences=[_compared(first, second, found, apart), _better(first, second, found), what_differs(found)],
         tiles=_tiles(found),
         summary=_summary(pictured, found),
         parameters=[_parameter_row(p) for p in found.parameters],
@@ -77,7 +78,7 @@ def write_comparison(first: Side, second: Side, found: Comparison, out_path: Pat
         pictures=_pictures(pictured),
         left_out=len(shown) - len(pictured),
         zeros=any(figures.has_zeros(g.group, g.curves) for g in pictured),
-        apart=groups(apart) if (apart := _apart(first, second, found)) else None,
+        apart=apart,
         differing=[[f.what, f.first or "–", f.second or "–"] for f in differing],
         same=[[f.what, f.first] for f in found.facts if f.first == f.second],
         provenance={"first": first.name, "second": second.name, "psafit": first.facts.get("version of psafit", "?")},
@@ -127,7 +128,7 @@ def clear_winner(errors: Sequence[float], interval: Sequence[float], relevant: f
     return int(high < 0)
 
 
-def _compared(first: Side, second: Side, found: Comparison) -> Markup:
+def _compared(first: Side, second: Side, found: Comparison, apart: Markup | None) -> Markup:
     def fitted(side: Side) -> Markup:
         return Markup("<strong>{}</strong> ({} of {}, {})").format(
             side.name, side.kind, groups(side.groups), model(side.terms)
@@ -138,7 +139,7 @@ def _compared(first: Side, second: Side, found: Comparison) -> Markup:
         fitted(second),
         count(sum(g.n_points for g in found.groups), "reading"),
         count(len({str(g.group) for g in found.groups}), "group"),
-        Markup("; without {}").format(groups(apart)) if (apart := _apart(first, second, found)) else "",
+        Markup("; without {}").format(apart) if apart else "",
     )
 
 
