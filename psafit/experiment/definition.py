@@ -332,7 +332,7 @@ class Definition:
         return found
 
     def jumps(self, groups: Sequence[Conditions], most_at_rest: float = 0.1) -> list[str]:
-        """One line for each group whose drive begins elsewhere than at 0 V and does not say what it rests at.
+        """One line for each group with a bias, or a recording that begins off 0 V, that does not say what it rests at.
 
         Parameters
         ----------

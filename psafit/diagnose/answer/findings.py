@@ -114,7 +114,7 @@ class NothingShows(Statement):
 
     topic = "wrong"
     not_excluded: list[tuple[list[str], float]]
-    keeps: float = 1.0
+    keeps: float
 
     def say(self, words: Words) -> str:
         others = [words.put("{} ({})", words.causes(ids), words.per_cent(p)) for ids, p in self.not_excluded]
@@ -454,7 +454,7 @@ class Room(Statement):
     share: float
     bounded: int
     of: int
-    place: Condition | None = None
+    place: Condition | None
     least: float = 0.001
 
     def say(self, words: Words) -> str:

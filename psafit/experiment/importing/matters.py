@@ -111,4 +111,4 @@ def _asked(column: Column, matter: Matter, unit: str, numbers: Sequence[float]) 
     return f"column {column.name} is of the drive, and psafit has no such setting", f"{matter.remedy}, or say {ignored}"
 
 
-__all__ = ["MATTERS", "Matter", "check_matters"]
+__all__ = ["check_matters"]
