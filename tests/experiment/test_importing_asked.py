@@ -259,6 +259,7 @@ WIDE = {
     "amplitudes": "Frequency (Hz);Range at 10 Vpp (um);Range at 20 Vpp (um)",
     "with a sign": "Frequency (Hz);Range @ 10 Vpp (um);Range @ 20 Vpp (um)",
     "without brackets": "Frequency (Hz);Range_5Vp_um;Range_10Vp_um",
+    "speeds": "Frequency (Hz);Speed at 10 Vpp (mm/s);Speed at 20 Vpp (mm/s)",
     "in German": "Frequenz (Hz);Wurfweite bei 10 Vss (um);Wurfweite bei 20 Vss (um)",
 }
 

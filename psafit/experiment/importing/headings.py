@@ -134,10 +134,10 @@ class Heading:
         return found
 
     def over_time(self, below: Unit | None = None) -> list[Quantity]:
-        """What the column may hold; with conditions in its heading also a motion, else a reading, at these."""
+        """What the column may hold; with conditions in its heading also a motion or a reading at these."""
         found = self.quantities(below)
         at = self.without_conditions.quantities(below) if self.at and not found else []
-        return found or [q for q in at if q.role == "trace"] or [q for q in at if q.role == "reading"]
+        return found or [q for q in at if q.role in ("trace", "reading")]
 
     def would_be(self, quantity: Quantity) -> bool:
         """Whether it is called so, whatever its unit."""
