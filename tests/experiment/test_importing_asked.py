@@ -181,6 +181,17 @@ def test_settings_of_the_drive_stand_in_columns(name: str, cell: str, drive: Dri
     assert read_experiment(tmp_path).groups[0].drive == first
 
 
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Start phase", "'Start phase=phase_deg:deg', or another unit such as rad"),
+        ("Force", "Force=peak_force_n:N, or another unit such as mN"),
+    ],
+)
+def test_a_unit_that_is_missing_is_one_of_two(name: str, said: str, tmp_path: Path) -> None:
+    assert said in refused(tmp_path, f"f (Hz);Vp;Range (um);{name}\n1200;20;76;3\n")
+
+
 def test_settings_are_given_once(tmp_path: Path) -> None:
     asked = refused(tmp_path, "f (Hz);Vp;Range (um);cycles\n1200;20;76;3\n", values=(("cycles", 4.0),))
     assert "cycles is given, and column 'cycles' holds it" in asked

@@ -400,7 +400,7 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
         faults.add(fault(grid, head, what, remedy))
         return column
     elif not unit and not own:
-        other = {"Hz": "kHz", "V": "mV", "um": "mm", "us": "ms", "mm/s": "m/s"}.get(target, target)
+        other = {"Hz": "kHz", "V": "mV", "um": "mm", "us": "ms", "mm/s": "m/s", "N": "mN", "deg": "rad"}[target]
         what = f"column {column.name} gives no unit"
         if column.column == "amplitude_v" and not (column.heading.counts or options.volts):
             target, other = f"{target}pp", listed(f"{target}{suffix}" for suffix in (SUFFIXES["peak"], SUFFIXES["rms"]))
