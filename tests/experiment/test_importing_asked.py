@@ -504,7 +504,7 @@ def test_what_may_be_a_known_error_is_proposed(name: str, tmp_path: Path) -> Non
     assert not ignored.errors
 
 
-@pytest.mark.parametrize("name", ["SD (N)", "Std (Hz)", "Humidity (%)", "Mean (um)"])
+@pytest.mark.parametrize("name", ["SD (N)", "Std (Hz)", "Humidity (%)", "Mean (um)", "± at 10 Vp (um)"])
 def test_what_is_no_known_error_is_not_proposed(name: str, tmp_path: Path) -> None:
     """In another unit, or of another name; nor is a second one."""
     (table,) = tables(tmp_path, f"f (Hz);Vp;Range (um);{name}\n1200;20;76;0.5\n")

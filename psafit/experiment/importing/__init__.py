@@ -327,7 +327,7 @@ def _labelled(chosen: Chosen, rows: Sequence[Row], least: int = 2) -> Iterator[t
 def _errors(chosen: Chosen, head: Head) -> Iterator[tuple[str, str]]:
     """Columns that are not used and may hold the known error of the one kind of reading in their unit."""
     missing = {of: name for name, of in ERROR_OF.items() if chosen.of(of) and not chosen.of(name)}
-    for column in (c for c in chosen.unused if c.heading.spreads and not c.mapped):
+    for column in (c for c in chosen.unused if c.heading.spreads and not (c.mapped or c.heading.at)):
         said = head.unit(column.place)
         could = [of for of in missing if said is None or said.kind == COLUMNS[of].unit]
         if len(could) == 1:

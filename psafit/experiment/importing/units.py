@@ -15,7 +15,7 @@ from psafit.experiment.importing.quantities import BASES, COUNT, COUNTED, UNITS,
 _UNIT = re.compile(r"[A-Za-zµμ]+(?:\^-?[1-3]|[²³])?(?:[/*·][A-Za-zµμ]+(?:\^-?[1-3]|[²³])?){0,2}")
 _RAISED = str.maketrans("⁻¹²³", "-123")
 _SCALED = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,2})?)[\s*]*(\D.*)", re.ASCII)
-# Of units that others have the dimension of, such as radians a second or a slope: how pint's names of them end.
+# How pint's name of a unit ends, where other quantities have its dimension: radians a second of Hz, a slope of degrees.
 _OWN: dict[str, str | tuple[str, ...]] = {"Hz": "hertz", "deg": ("degree", "radian")}
 _SAMPLES = re.compile(r"^([kMG]?)(?:Sa?|[Ss]amples?)/s(?:ec)?$")
 # Of other units those that are no words; a ratio of levels, parts, angles, or what pint knows as a quotient or a power.
