@@ -113,6 +113,9 @@ def test_a_diagnosis_shows_one_observable(mixed: Fitted, tmp_path: Path) -> None
     ax = found.plot(1, observable="launch_speed")
     assert ax.get_ylabel() == "Launch speed (mm/s)" and len(ax.lines[0].get_xdata()) == 5
     assert found.plot(1).get_ylabel() == "Launch range (µm)"
+    part = Diagnosed(replace(found.record, groups=[1, "trace"]), experiment, tmp_path)
+    with pytest.raises(InputError, match="group 2 is not of this diagnosis; choose one of 1, trace"):
+        part.plot(2)
 
 
 def test_predictions_of_several_observables_say_what_they_are(mixed: Fitted) -> None:

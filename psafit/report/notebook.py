@@ -11,6 +11,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 
 from psafit.diagnose.record import Diagnosis
+from psafit.errors import InputError
 from psafit.experiment import Experiment, Group
 from psafit.records import Validation
 from psafit.report import figures, fit_pictures
@@ -88,5 +89,8 @@ def plot_diagnosis(
     shown = shown_groups(record, experiment, folder)
     if group is None:
         return _plot_factors(overview.factor_rows(shown), ax)
-    found = next(g for g in shown if g.group.label == group.label)
+    found = next((g for g in shown if g.group.label == group.label), None)
+    if found is None:
+        groups = ", ".join(str(id) for id in record.groups)
+        raise InputError(f"group {group.id} is not of this diagnosis", f"choose one of {groups}")
     return plot_group(found.group, found.curves, ax)
