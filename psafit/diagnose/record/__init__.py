@@ -248,12 +248,6 @@ class Diagnosis(Brief):
         return self.best_model.strange if self.best_model and self.named else []
 
     @property
-    def likelier(self) -> list[str]:
-        """Causes that are more probable than none where that is adequate; empty elsewhere."""
-        first = max(self.causes, key=lambda c: c.probability, default=None)
-        return first.terms if first and self.verdict == "adequate" else []
-
-    @property
     def headline(self) -> str:
         """The verdict in a line: the named set, and those that do as well, by name as long as these are few."""
         sets = [self.named] if self.named else []
@@ -266,8 +260,9 @@ class Diagnosis(Brief):
         n = len(self.screening)
         restricted = f" (of {n} cause{'' if n == 1 else 's'} looked at)" if self.left_out else ""
         head = "; best of the catalogue: " if self.verdict == "unexplained" else ": "
-        if likelier := self.likelier:
-            return f"verdict: {self.verdict}, though {' + '.join(likelier)} is more probable{restricted}"
+        first = max(self.causes, key=lambda c: c.probability, default=None)
+        if self.verdict == "adequate" and first and first.terms:
+            return f"verdict: adequate, though {' + '.join(first.terms)} is more probable{restricted}"
         return f"verdict: {self.verdict}" + (f"{head}{', or '.join(words)}" if words else "") + restricted
 
     def _marked(self, ids: list[str]) -> str:
