@@ -22,7 +22,7 @@ class Room:
     size : float
         Of its effect on all readings, in standard deviations of their scatter, less what a refit takes up.
     row : int
-        The reading that changes most as a rule, as a row of the design.
+        The reading of which the largest change is left, as a row of the design.
     """
 
     share: float
@@ -77,5 +77,7 @@ def room(
     effect = plain.project_out(predicted - plain.predicted)
     size = np.linalg.norm(effect, axis=1)
     changed = np.abs(effect) * plain.scatter / (np.abs(plain.predicted) + plain.problem.offset)
-    share, most = (float(quantiles(each, pool.weights, [limit])[0]) for each in (changed.max(axis=1), size))
-    return Room(share, most, int(np.argmax(pool.weights @ changed)))
+    share, most, *each = (
+        float(quantiles(x, pool.weights, [limit])[0]) for x in (changed.max(axis=1), size, *changed.T)
+    )
+    return Room(share, most, int(np.argmax(each)))

@@ -186,7 +186,7 @@ def _units(
 def number_rows(grid: Grid, least: int = 2) -> list[Row]:
     """The rows of a text that a separator parts into numbers, but for what stands first in each.
 
-    None unless they are as wide as each other, at least so many, and some row of that width begins with a word: blanks
+    Empty unless they are as wide as each other, at least so many, and some row of that width begins with a word: blanks
     may part the text as well.
     """
     rows = [row for row in grid.rows if not row.is_blank and not is_comment(row.texts[0])]
