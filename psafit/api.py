@@ -280,7 +280,7 @@ class Fitted(_Shown):
         observable : str, optional
             What was read, such as ``"launch_speed"``; the group's first by default.
         """
-        chosen = None if group is None else _part(self.run.problem.experiment, group, observable)
+        chosen = _chosen(self.run.problem.experiment, group, observable)
         return notebook.plot_fit(*self._validated, chosen, ax)
 
     def report(self) -> Path:
@@ -411,7 +411,7 @@ class Diagnosed(_Shown):
 
     def plot(self, group: GroupId | None = None, ax: Axes | None = None, *, observable: str | None = None) -> Axes:
         """Draw a group's readings and both models, as `Fitted.plot`; without a group, how far off they are in each."""
-        chosen = None if group is None else _part(self.experiment, group, observable)
+        chosen = _chosen(self.experiment, group, observable)
         return notebook.plot_diagnosis(self.record, self.experiment, self.folder, chosen, ax)
 
     def report(self) -> Path:
@@ -454,6 +454,12 @@ def _part(experiment: Experiment, group: GroupId, observable: str | None) -> Gro
     if name not in parts:
         raise InputError(f"group {group} has no {name}", f"choose {' or '.join(parts)}")
     return parts[name]
+
+
+def _chosen(experiment: Experiment, group: GroupId | None, observable: str | None) -> Group | None:
+    if group is None and observable is not None:
+        raise InputError(f"{observable} of no group", "name the group, too")
+    return None if group is None else _part(experiment, group, observable)
 
 
 def _span(values: NDArray[np.float64]) -> str:

@@ -96,6 +96,8 @@ def test_a_picture_shows_one_observable(mixed: Fitted) -> None:
         assert view.plot("trace").get_ylabel() == "Velocity (mm/s)"
         with pytest.raises(InputError, match="group 1 has no velocity; choose launch_range or launch_speed or contact"):
             view.plot(1, observable="velocity")
+    with pytest.raises(InputError, match="velocity of no group; name the group, too"):
+        mixed.plot(observable="velocity")
 
 
 def test_errors_are_named_by_what_is_read(mixed: Fitted) -> None:
