@@ -97,18 +97,89 @@ def test_an_amplitude_without_a_unit_is_asked_for_its_count_at_once(tmp_path: Pa
     assert "gives no unit; say --column Level=amplitude_v:Vpp, or another unit such as Vp, Vrms" in asked
 
 
+# --- headings that say more than words ----------------------------------------------------------------------------
+
+ALTERED = {
+    "launch_range_um": (
+        "-Range (um)", "Range^2 (um)", "√Range (um)", "Range² (um)", "Range·10 (um)", "Range (um)·10", "Range: 10 (um)",
+        "1/Range (um)", "2*Range (um)", "|Range| (um)", "(-) Range (um)", "−Range (um)", "Range x10 (um)",
+        "Range 1:100 (um)", "Range, 10 (um)", "Range ÷ 2 (um)", "Range 0.1 (um)", "Range (um)/2", "2 Range (um)",
+        "Half range (um)", "Normalized range (um)", "Predicted launch range (um)", "Launch range pk-pk (um)",
+        "Range RMS (um)", "Range log10 (um)",
+    ),
+    "frequency_hz": ("f / 2 (Hz)", "Frequency·2 (Hz)", "Frequency:2 (Hz)", "Sample rate (Hz)"),
+    "amplitude_v": (
+        "Vpp/2 (V)", "0.5*Vpp (V)", "-Vp (V)", "Vpp:2 (V)", "Vp/√2 (V)", "Drive x10 (V)", "Monitor 1:100 (V)",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("column", "name"), [(column, name) for column, each in ALTERED.items() for name in each])
+def test_what_is_made_of_a_quantity_is_none_by_itself(column: str, name: str, tmp_path: Path) -> None:
+    """It is proposed with a condition, and taken as the user says."""
+    headings = {"frequency_hz": "f (Hz)", "amplitude_v": "Vp", "launch_range_um": "Range (um)"} | {column: name}
+    content = f"{';'.join(headings.values())}\n40;40;40\n41;40;39\n"
+    asked = refused(tmp_path, content)
+    assert f"{column}" in asked and ", if its numbers are that as they stand" in asked
+    said = Mapping(name, column, Unit(COLUMNS[column].unit, "peak" if column == "amplitude_v" else None))
+    (table,) = tables(tmp_path, content, columns=(said,))
+    group = table.groups[0]
+    assert {"frequency_hz": group.frequency_hz, "amplitude_v": group.amplitude_v}.get(column, group.reading)[0] == 40.0
+
+
+@pytest.mark.parametrize("name", ["Vpp/2 (V)", "-Vpp (V)"])
+def test_volts_of_an_altered_heading_are_counted_by_the_user(name: str, tmp_path: Path) -> None:
+    asked = refused(tmp_path, f"f (Hz);{name};Range (um)\n1200;40;76\n", columns=(mapped(f"{name}=amplitude_v"),))
+    assert "whether volts are zero to peak, peak to peak or RMS is not said" in asked
+
+
+@pytest.mark.parametrize("name", ["-Velocity (mm/s)", "|Velocity| (mm/s)", "Velocity^2 (mm/s)", "−Displacement (um)"])
+def test_what_is_made_of_a_motion_is_none_by_itself(name: str, tmp_path: Path) -> None:
+    asked = refused(tmp_path, recording(name), **HELD)
+    assert "none is a motion" in asked and "if it is that of the ball" in asked
+    (table,) = tables(tmp_path, recording(name), **HELD, columns=tuple(proposed(asked)))
+    assert table.groups[0].reading[1] == 1.0
+
+
+def test_a_time_in_other_steps_is_none_by_itself(tmp_path: Path) -> None:
+    content = recording("Velocity (mm/s)").replace("Time (us)", "Time·10 (us)")
+    assert ", if its numbers are that as they stand" in refused(tmp_path, content, **HELD, start_us=0.0)
+
+
+@pytest.mark.parametrize("name", ["-Bias (V)", "Offset·2 (V)", "sigma^2 (um)", "√sigma (um)"])
+def test_what_is_made_of_a_setting_or_an_error_is_asked_for(name: str, tmp_path: Path) -> None:
+    content = f"f (Hz);Vp;Range (um);{name}\n1200;20;76;1\n1300;20;75;1\n"
+    assert "or something made of that; say --column" in refused(tmp_path, content)
+    (table,) = tables(tmp_path, content, columns=(Mapping(name, "ignore"),))
+    assert table.groups[0].n_points == 2
+
+
+def test_a_name_is_not_that_of_what_is_made_of_it(tmp_path: Path) -> None:
+    content = "f (Hz);Vp;Range (um);-Range (um);√Range\n1200;20;76;5;6\n"
+    for name, value in (("range", 76.0), ("-range", 5.0), ("√Range", 6.0)):
+        (table,) = tables(tmp_path, content, columns=(mapped(f"{name}=launch_range_um:um"),))
+        assert table.groups[0].reading.tolist() == [value]
+
+
 @pytest.mark.parametrize(
-    ("name", "column"), [("Vpp/2 (V)", "amplitude_v"), ("0.5*Vpp (V)", "amplitude_v"), ("f / 2 (Hz)", "frequency_hz")]
-)
-def test_a_quantity_over_a_number_is_not_computed(name: str, column: str, tmp_path: Path) -> None:
-    other = {"amplitude_v": "f (Hz)", "frequency_hz": "Vp"}[column]
-    content = f"{other};{name};Range (um)\n40;40;76\n"
-    asked = refused(
-        tmp_path, content, columns=(mapped(f"{name}=amplitude_v") if "Vpp" in name else mapped(f"{name}={column}"),)
-    )
-    assert "times or over a number" in asked
-    (table,) = tables(tmp_path, content, columns=tuple(proposed(asked)))
-    assert getattr(table.groups[0], column)[0] == 40.0
+    "name",
+    [
+        "Range (um).1", "Range-1 (um)", "Range #1 (um)", "Range (1) (um)", "Range, µm", "Range: um", "Range (um):",
+        "Weite. (um)", "Range at 20 Vp (um)", "Range @ 20 Vp (um)", "Range - 20 Vp (um)", "Range (20 Vp) (um)",
+        "Launch-Range_um", "Wurf 1 / µm",
+    ],
+)  # fmt: skip
+def test_plain_separators_alter_nothing(name: str, tmp_path: Path) -> None:
+    amplitude = () if "20 Vp" in name else (("amplitude_v", 20.0),)
+    (table,) = tables(tmp_path, f"f (Hz);{name}\n1200;76\n1300;75\n", values=amplitude)
+    assert table.groups[0].reading.tolist() == [76.0, 75.0]
+
+
+def test_several_that_are_no_repetitions_are_one_or_another(tmp_path: Path) -> None:
+    asked = refused(tmp_path, "f (Hz);Vp;Mean range (um);Min range (um)\n1200;20;76;5\n")
+    assert "say --column 'Mean range (um)=launch_range_um' or --column 'Min range (um)=launch_range_um', if" in asked
+    asked = refused(tmp_path, "f (Hz);Vp;Half range 1 (um);Half range 2 (um)\n1200;20;76;5\n")
+    assert "1 (um)=launch_range_um' --column 'Half range 2" in asked
 
 
 # --- whose motion it is -------------------------------------------------------------------------------------------
@@ -403,7 +474,7 @@ def test_the_nearest_column_of_any_reading_is_proposed(name: str, column: str, t
     (said,) = proposed(asked)
     assert (said.heading, said.column, said.unit) == (name, column, None)
     if "(" not in name and "/" not in name:
-        assert asked.endswith("with the unit behind a colon")
+        assert asked.endswith("with the unit behind a colon, if its numbers are that as they stand")
         said = replace(said, unit=Unit(COLUMNS[column].unit))
     (table,) = tables(tmp_path, content, columns=(said,))
     assert table.groups[0].observable.column == column

@@ -30,6 +30,8 @@ VOLTAGE = RECORDED[1]
 """The column of a recorded drive."""
 EXAMPLES = {"frequency_hz": ("kHz", "1.2"), "amplitude_v": ("Vpp", "40")}
 """Unit and number of a condition, as an example."""
+AS_IT_STANDS = "if its numbers are that as they stand"
+"""What is added where a column is proposed whose heading says more, or something else."""
 READ = ("reading", "trace")
 """Roles of what is read."""
 SIGNALS = (*READ, "error")

@@ -8,6 +8,7 @@ from dataclasses import replace
 from psafit.errors import Faults
 from psafit.experiment.drive_table import RECORDED
 from psafit.experiment.importing.chosen import (
+    AS_IT_STANDS,
     ERROR_OF,
     EXAMPLES,
     READ,
@@ -291,7 +292,7 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
     known = all_headings(head)
     for column in missing_conditions(grid, head, chosen, options, faults):
         near, other = nearest(chosen.unused, head, column), _in_other_unit(chosen, head, column)
-        what, remedy = "", f"say {_called(near, head, column)}"
+        what, remedy = "", f"say {_called(near, head, column)}{f', {AS_IT_STANDS}' if near else ''}"
         if other:
             what, remedy = other
         ends = [next((c.name for c in chosen.unused if c.heading.name in called), "") for called in LEVELS]
@@ -315,12 +316,13 @@ def _check_readings(grid: Grid, head: Head, chosen: Chosen, options: Options, fa
     ):
         faults.add(fault(grid, head, f"{what}{other[0]}", other[1]))
         return
-    near = [option(c.option, q.column) for q in readings for c in others if nearly(c, head, q)]
-    named = [option(c.option, q.column) for c in others for q in readings if _sounds(grid, head, c, q)]
+    near = _each([(c, q) for q in readings for c in others if nearly(c, head, q)])
+    named = _each([(c, q) for q in readings for c in others if _sounds(grid, head, c, q)])
     volts = [c.option for c in others if in_volts(c, head)]
     said = near or named or [option("NAME", "launch_range_um")]
     remedy = f"say {'of each that was read ' if len(said) > 1 else ''}{' '.join(said)}"
     remedy = f"{remedy}, with the unit behind a colon" if named and not near else remedy
+    remedy = f"{remedy}, {AS_IT_STANDS}" if near or named else remedy
     if not near and not named:
         remedy = f"{remedy}, or as one of {listed(name for name in ERROR_OF.values() if name != 'launch_range_um')}"
         scale = option(volts[0] if volts else "NAME", "launch_speed_mm_s", "5mm/s/V")
@@ -331,6 +333,20 @@ def _check_readings(grid: Grid, head: Head, chosen: Chosen, options: Options, fa
         what = f"{what}, but {_not_yet(chosen)}"
         remedy = "psafit cannot use that yet: give a file with launch ranges; it is no launch range"
     faults.add(fault(grid, head, what, remedy))
+
+
+def _each(found: Sequence[tuple[Column, Quantity]]) -> list[str]:
+    """An option for each column that may be a reading; one or another where several of one quantity are no repetitions.
+
+    A mean and its extremes, or a range and its half, are not read one after the other.
+    """
+    several: dict[str, list[Column]] = {}
+    for column, quantity in found:
+        several.setdefault(quantity.column, []).append(column)
+    return [
+        (" " if _repeated(columns) else " or ").join(option(c.option, name) for c in columns)
+        for name, columns in several.items()
+    ]
 
 
 def _sounds(grid: Grid, head: Head, column: Column, quantity: Quantity) -> bool:
@@ -362,6 +378,10 @@ def _check_unread(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
         if of and said and not said.kind:
             remedy = f"{_how(column, said, of.column)}, or say {option(column.option, IGNORED)}"
             faults.add(fault(grid, head, f"column {column.name} {_unread(said, of.column)}", remedy))
+        elif of and column.heading.altered:
+            what = f"column {column.name} may be {of.column}, or something made of that"
+            remedy = f"say {option(column.option, of.column)}, {AS_IT_STANDS}, or {option(column.option, IGNORED)}"
+            faults.add(fault(grid, head, what, remedy))
 
 
 def _in_other_unit(chosen: Chosen, head: Head, name: str) -> tuple[str, str] | None:
@@ -391,14 +411,6 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
         faults.add(fault(grid, head, what, f"say {option(column.option, column.column, target)}, or what it is in"))
     elif alien:
         faults.add(fault(grid, head, f"column {column.name} {_unread(alien, column.column)}", _how(column, alien)))
-    elif column.heading.computed and not column.unit:
-        what = f"column {column.name} is a quantity times or over a number, and what its numbers are is not clear"
-        plain = f"{unit.text if unit else target}{SUFFIXES['peak'] if column.column == 'amplitude_v' else ''}"
-        remedy = (
-            f"say {option(column.option, column.column, plain)} if they are in {plain} as they stand, or convert them"
-        )
-        faults.add(fault(grid, head, what, remedy))
-        return column
     elif not unit and not own:
         other = {"Hz": "kHz", "V": "mV", "um": "mm", "us": "ms", "mm/s": "m/s", "N": "mN", "deg": "rad"}[target]
         what = f"column {column.name} gives no unit"

@@ -35,8 +35,14 @@ _AT = re.compile(
 )
 _SPREAD = re.compile(r"\s*(?:±|\+/-|[us]\s*\([^\d()]+\))")
 _GLUED = re.compile(r"([vu])(pp|pkpk|ss|rms|eff|0pk|0p|pk|p)")
-# A quantity times or over a number; 1/3 counts.
-_COMPUTED = re.compile(r"[^\W\d]\s*[/*×÷]\s*[\d.]|\d\s*[*×]\s*[^\W\d]")
+# What stands in a heading for a unit or a condition: a word.
+_SET = "at"
+# A heading that says no more than words, each with a number or none: every sign but separators says something else.
+_LETTER = r"[^\W\d_²³¹⁰-₟¼-¾]"
+_NUMBER = r"(?:(?<=[^\W\d_])[.-]|\.?[\s_#(\[{]+)\d{1,3}(?![^\W_])"
+_WORD = rf"(?:0[- ](?=(?:to|p|pk|peak)\b))?(?!(?<=[\s_)\]}}])x\d){_LETTER}(?:{_LETTER}|\d)*(?:{_NUMBER})?"
+_APART = r"(?:[\s_#()\[\]{}.,:;'’°]|(?<=\w)[-‐‑–—−](?=\w)|(?<=\s)[-‐‑–—−](?=\s))"
+_PLAIN = re.compile(rf"[\s_#(\[{{]*(?:{_WORD}(?:{_APART}+{_WORD})*)?[\s_()\[\]{{}}.,:;]*", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -72,8 +78,8 @@ class Heading:
         Its text without them.
     repeats : bool
         Whether another column has the same.
-    computed : bool
-        Whether it is a quantity times or over a number, such as ``Vpp/2``.
+    altered : str
+        All but its unit, where that says more than words and a number: ``Vpp/2``, ``-Velocity``, ``Range^2``.
     """
 
     text: str
@@ -85,14 +91,16 @@ class Heading:
     at: tuple[Condition, ...] = ()
     bare: str = ""
     repeats: bool = False
-    computed: bool = False
+    altered: str = ""
 
     @property
     def without_conditions(self) -> Heading:
         """The heading of what was read at the conditions that it names."""
         if not self.at:
             return self
-        return replace(heading(self.bare), text=self.text, at=self.at, bare=self.bare, repeats=self.repeats)
+        return replace(
+            heading(self.bare), text=self.text, at=self.at, bare=self.bare, repeats=self.repeats, altered=self.altered
+        )
 
     @property
     def is_waveform(self) -> bool:
@@ -102,7 +110,7 @@ class Heading:
     @property
     def counts(self) -> Volts | None:
         """How its volts are counted, if it is an amplitude, whatever else its name says: ``Generator Vpp``."""
-        return None if self.computed else self.volts or _counting(self.name)
+        return None if self.altered else self.volts or _counting(self.name)
 
     @property
     def spreads(self) -> bool:
@@ -110,7 +118,9 @@ class Heading:
         if _SPREAD.match(self.text):
             return True
         names = [n for q in QUANTITIES if q.role == "reading" for n in ("", *q.names)]
-        return any(self.name in (f"{s} {n}".strip(), f"{n} {s}".strip()) for s in SPREADS for n in names)
+        return not self.altered and any(
+            self.name in (f"{s} {n}".strip(), f"{n} {s}".strip()) for s in SPREADS for n in names
+        )
 
     @property
     def of_tip(self) -> bool:
@@ -121,10 +131,12 @@ class Heading:
     def drives(self) -> bool:
         """Whether its words are those of the drive's voltage and of nothing else, such as ``CH1 (V) drive``."""
         said = {word.rstrip("0123456789") for word in self.name.split()} - {""}
-        return self.volts is None and not said.isdisjoint(DRIVING) and said <= DRIVING | CHANNELS | NEUTRAL
+        return not (self.volts or self.altered or said.isdisjoint(DRIVING)) and said <= DRIVING | CHANNELS | NEUTRAL
 
     def quantities(self, below: Unit | None = None) -> list[Quantity]:
         """What the column may hold; `below` is the unit in a row of its own, where the heading has none."""
+        if self.altered:
+            return []
         if self.own:
             return [COLUMNS[self.own]]
         said = self.unit or below
@@ -180,7 +192,28 @@ def heading(text: str) -> Heading:
     first, _, others = name.partition(" ")
     if first in LOGARITHMS and others:
         name, found = others, Unit(f"{first} {found.text if found else ''}".strip())
-    return Heading(text, name, found, volts, number, "", *_conditions(text), computed=bool(_COMPUTED.search(rest)))
+    return Heading(text, name, found, volts, number, "", *_conditions(text), altered=_altered(text))
+
+
+def _altered(text: str) -> str:
+    """A heading without its unit, in which another word stands for a condition; empty where it is plain."""
+    for said in [number[0] for number in _AT.finditer(text) if _condition(number)]:
+        text = text.replace(said, _SET, 1)
+    found, rest = _in_brackets(text, _SET)
+    if found is None:
+        rest = _at_the_end(text)[1]
+    return "" if _PLAIN.fullmatch(rest) else " ".join((rest if found is None else _in_brackets(text)[1]).split())
+
+
+def _condition(number: re.Match[str]) -> Condition | None:
+    """The condition that a number with a unit is, if it is one."""
+    said = unit(number[2])
+    column = {"Hz": "frequency_hz", "V": "amplitude_v"}.get(said.kind if said else "", "")
+    values = {value for n in NOTATIONS.values() if (value := n.value(number[1])) is not None}
+    factor = said.factor(COLUMNS[column].unit) if said and column else None
+    if said is None or factor is None or len(values) != 1:
+        return None
+    return Condition(column, values.pop() * factor, said.volts)
 
 
 def _conditions(text: str) -> tuple[tuple[Condition, ...], str]:
@@ -188,23 +221,20 @@ def _conditions(text: str) -> tuple[tuple[Condition, ...], str]:
     found: dict[str, Condition] = {}
     rest = text
     for number in _AT.finditer(text):
-        said = unit(number[2])
-        column = {"Hz": "frequency_hz", "V": "amplitude_v"}.get(said.kind if said else "", "")
-        values = {value for n in NOTATIONS.values() if (value := n.value(number[1])) is not None}
-        factor = said.factor(COLUMNS[column].unit) if said and column else None
-        if factor is None or column in found or len(values) != 1:
+        condition = _condition(number)
+        if condition is None or condition.column in found:
             continue
-        found[column] = Condition(column, values.pop() * factor, said.volts if said else None)
+        found[condition.column] = condition
         rest = rest.replace(number[0], " ")
     return tuple(found.values()), " ".join(rest.split()) if found else ""
 
 
-def _in_brackets(text: str) -> tuple[Unit | None, str]:
-    """The unit in brackets of a heading, and the text without it."""
+def _in_brackets(text: str, instead: str = " ") -> tuple[Unit | None, str]:
+    """The unit in brackets of a heading, and the text with something else in its place."""
     for known in (unit, foreign):
         for inside in _BRACKETS.finditer(text):
             if found := known(inside[1]):
-                return found, f"{text[: inside.start()]} {text[inside.end() :]}"
+                return found, f"{text[: inside.start()]} {instead}{text[inside.end() :]}"
     return None, text
 
 

@@ -50,13 +50,16 @@ class Head:
 def names(mapping: Mapping, headings: Sequence[Heading]) -> list[int]:
     """Columns, from 0, that a mapping is about: those of this heading, with or without unit, or of this number."""
     text = " ".join(mapping.heading.split()).casefold()
+    if found := [place for place, h in enumerate(headings) if h.text.casefold() == text]:
+        return found
+    altered, said = heading(text).altered, words(text)
+    could = {place: h for place, h in enumerate(headings) if h.altered.casefold() == altered and said}
     for same in (
-        lambda h: h.text.casefold() == text,
-        lambda h: words(h.text) == words(text) != "",
-        lambda h: h.number is not None and f"{h.name}{h.number}".replace(" ", "") == words(text).replace(" ", ""),
-        lambda h: h.name == words(text) != "",
+        lambda h: words(h.text) == said,
+        lambda h: h.number is not None and f"{h.name}{h.number}".replace(" ", "") == said.replace(" ", ""),
+        lambda h: h.name == said,
     ):
-        if found := [place for place, h in enumerate(headings) if same(h)]:
+        if found := [place for place, h in could.items() if same(h)]:
             return found
     return [int(text) - 1] if text.isascii() and text.isdigit() and 0 < int(text[:6]) <= len(headings) else []
 
@@ -107,7 +110,7 @@ def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_li
         units, first = _units(grid, headings, index + 1, options)
         mapped = {place: m.column for m in options.columns for place in names(m, headings)}
         others = [(h, u) for k, (h, u) in enumerate(zip(headings, units, strict=True)) if k not in mapped]
-        known = {could[0].column for h, u in others if (could := h.over_time(u))}
+        known = {could[0].column for h, u in others if (could := replace(h, altered="").over_time(u))}
         known |= {kind for h, u in others if (kind := _kind(h, u)) in of_unit}
         if _holds(row, options):
             if begun or not known:

@@ -10,6 +10,7 @@ from itertools import pairwise
 from psafit.errors import Faults
 from psafit.experiment.importing.blocks import blocks, rising, runs_on
 from psafit.experiment.importing.chosen import (
+    AS_IT_STANDS,
     READ,
     VOLTAGE,
     WAVEFORM,
@@ -145,7 +146,8 @@ def clock(
             remedy = f"give column {column.name} in seconds"
         elif column.column == TIME or (unit and unit.kind == COLUMNS[TIME].unit):
             times = [_microseconds(number) for cell in below if (number := notation.number(cell)) is not None]
-            remedy = f"say {option(column.option, TIME)}"
+            plain = f", {AS_IT_STANDS}," if column.heading.altered else ""
+            remedy = f"say {option(column.option, TIME)}{plain}"
         else:
             continue
         if len(set(times)) >= options.least_samples and all(a <= b for a, b in pairwise(times)):

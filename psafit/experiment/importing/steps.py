@@ -9,7 +9,16 @@ from decimal import Decimal
 from itertools import pairwise
 
 from psafit.errors import InputError
-from psafit.experiment.importing.chosen import VOLTAGE, Column, all_headings, cells, fault, nearest, option
+from psafit.experiment.importing.chosen import (
+    AS_IT_STANDS,
+    VOLTAGE,
+    Column,
+    all_headings,
+    cells,
+    fault,
+    nearest,
+    option,
+)
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
 from psafit.experiment.importing.layout import Head, body, names
@@ -110,7 +119,7 @@ def _moving(grid: Grid, head: Head, options: Options, could: Sequence[Sequence[Q
         others = [Column(k, h, "") for k, h in enumerate(head.headings) if k not in said and k not in motions]
         found = clock(grid, head, others, options)
         remedy = found[1] if found else "say its step, such as --step 1:us"
-        raise fault(grid, head, what, f"{remedy}, or {option(column.option, launch)}")
+        raise fault(grid, head, what, f"{remedy.rstrip(',')}, or {option(column.option, launch)}")
     return []
 
 
@@ -136,7 +145,9 @@ def _stated(grid: Grid, head: Head, places: Sequence[int]) -> tuple[str, Decimal
         return said[0][1], step
     what = f"samples, and no {TIME} among {all_headings(head) or 'the columns'}"
     remedy = f"say {option(near.option if near else 'NAME', TIME, '' if near else 'us')}"
-    if not near:
+    if near:
+        remedy = f"{remedy}, {AS_IT_STANDS}"
+    else:
         remedy = f"say their step, --step 1:us, or their rate, --step 1:MHz; of a time that is there {remedy[4:]}"
     if said and not near:
         lines = listed(f"{shown(text)} (line {line})" for line, text, _ in said)
