@@ -286,6 +286,31 @@ MATTERS = {
     "without a unit": ("Vdc", "10", "0", "may be bias_v of the drive"),
     "duty": ("Duty (%)", "20", "50", "psafit has no such setting; give the voltage with --drive FILE"),
     "gain": ("Amplifier gain", "10", "1", "psafit has no such setting; give volts behind the amplifier"),
+    **{
+        name: (name, "4", "", "may be cycles of the drive")
+        for name in ("N burst", "Periods per burst", "Burst length", "Pulses")
+    },
+    **{
+        name: (name, "3", "", "psafit has no such setting; give its periods")
+        for name in ("Burst duration", "Burst (ms)", "On time", "Burst length (ms)")
+    },
+    "a polarity": ("Polarity", "inverted", "Normal", "give the voltage with --drive"),
+    "a symmetry": ("Symmetry (%)", "20", "50", "psafit has no such setting"),
+    "a rise time": ("Rise time (us)", "5", "", "psafit has no such setting"),
+    "a phase shift": ("Phase shift (deg)", "90", "0", "may be phase_deg of the drive"),
+    "an attenuation": ("Attenuation", "10", "1", "give volts behind the attenuator"),
+    "an attenuator": ("Attenuator (dB)", "20", "", "give volts behind the attenuator"),
+    **{
+        f"{name} {cell}": (name, cell, nothing, "marks some readings, and psafit takes all; delete the rows")
+        for name, cell, nothing in (
+            ("Valid", "0", "1"),
+            ("Valid", "no", "yes"),
+            ("Excluded", "x", "-"),
+            ("Saturated", "yes", "no"),
+            ("Outlier", "1", "0"),
+            ("Outlier", "TRUE", "FALSE"),
+        )
+    },
     "a string": ("String length (mm)", "60", "", "is l of the rig"),
     "a ball": ("Ball mass (g)", "27", "", "is M of the rig"),
 }
@@ -305,7 +330,7 @@ def test_what_matters_is_asked_for(name: str, cell: str, nothing: str, said: str
     assert name in table.unused
 
 
-@pytest.mark.parametrize("name", ["Phase shift (us)", "DC (A)", "Ball mass (pieces)"])
+@pytest.mark.parametrize("name", ["Phase shift (us)", "DC (A)", "Ball mass (pieces)", "Valid range (um)", "Burst"])
 def test_what_only_sounds_so_does_not_matter(name: str, tmp_path: Path) -> None:
     (table,) = tables(tmp_path, f"f (Hz);Vp;Range (um);{name}\n1200;20;76;5\n")
     assert table.unused == (name,)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from psafit.errors import Faults
 from psafit.experiment.importing.chosen import Chosen, Column, cells, fault, option
 from psafit.experiment.importing.grid import Grid
-from psafit.experiment.importing.layout import Head
-from psafit.experiment.importing.numerals import likeliest
-from psafit.experiment.importing.quantities import COLUMNS
+from psafit.experiment.importing.layout import Head, is_comment
+from psafit.experiment.importing.numerals import is_number, likeliest
+from psafit.experiment.importing.quantities import COLUMNS, COUNT, words
 from psafit.experiment.importing.records import IGNORED, Options
 from psafit.experiment.importing.units import factor_of
 from psafit.experiment.records import CONSTANT_UNITS
@@ -29,6 +29,12 @@ class Matter:
         psafit's column, or constant of the rig, that it would be; empty where there is none.
     nothing : float or None
         The number that changes nothing.
+    usual : tuple of str
+        Words, in small letters, that change nothing.
+    kinds : tuple of str
+        Units of psafit's that its own may be turned into, where it is no column of psafit's; empty for none.
+    flag : bool
+        Whether it marks readings, and has no other name.
     remedy : str
         What can be done, where it is no column of psafit's.
     """
@@ -36,11 +42,16 @@ class Matter:
     names: tuple[str, ...]
     column: str = ""
     nothing: float | None = None
+    usual: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ("",)
+    flag: bool = False
     remedy: str = ""
 
 
+_YES, _NO = ("yes", "y", "true", "ok", "valid", "good", "ja", "oui"), ("no", "n", "false", "ok", "nein", "non")
+_PERIODS = "give its periods, cycles, which are this time times the frequency"
 MATTERS = (
-    Matter(("phase", "phase angle", "phasenwinkel", "phasenlage"), "phase_deg", 0.0),
+    Matter(("phase shift", "phase", "phase angle", "phasenwinkel", "phasenlage"), "phase_deg", 0.0),
     Matter(
         (
             "dc", "v dc", "vdc", "u dc", "udc", "dc voltage", "dc level", "gleichspannung", "gleichanteil",
@@ -59,6 +70,27 @@ MATTERS = (
         nothing=1.0,
         remedy="give volts behind the amplifier",
     ),
+    Matter(("attenuation", "attenuator"), nothing=1.0, remedy="give volts behind the attenuator"),
+    Matter(
+        ("n burst", "periods per burst", "cycles per burst", "burst length", "pulses", "number of pulses"), "cycles"
+    ),
+    Matter(("burst duration", "burst time", "on time"), kinds=("", "us"), remedy=_PERIODS),
+    Matter(("burst", "burst length"), kinds=("us",), remedy=_PERIODS),
+    Matter(
+        ("polarity", "polarität", "polarité"),
+        nothing=1.0,
+        usual=("normal", "norm", "positive", "pos", "noninverted", "non inverted"),
+        remedy="give the voltage with --drive FILE",
+    ),
+    Matter(("symmetry", "symmetrie"), nothing=50.0, remedy="give the voltage with --drive FILE, one period of it"),
+    Matter(("rise time", "anstiegszeit"), kinds=("", "us"), remedy="give the voltage with --drive FILE"),
+    Matter(("valid", "gültig"), nothing=1.0, usual=_YES, flag=True),
+    Matter(
+        ("excluded", "exclude", "saturated", "outlier", "invalid", "ausreisser", "ausreißer"),
+        nothing=0.0,
+        usual=_NO,
+        flag=True,
+    ),
     Matter(
         ("string length", "length of string", "pendulum length", "fadenlänge", "pendellänge", "longueur du fil"), "l"
     ),
@@ -73,7 +105,8 @@ def check_matters(grid: Grid, head: Head, chosen: Chosen, options: Options, faul
         for matter in (m for m in MATTERS if m.column not in options.held):
             unit = _unit(column, head, matter)
             numbers = _numbers(grid, head, column) if unit is not None else []
-            if any(number != matter.nothing for number in numbers):
+            texts = _texts(grid, head, column) if unit is not None and not matter.column else []
+            if any(number != matter.nothing for number in numbers) or not set(texts).issubset(matter.usual):
                 faults.add(fault(grid, head, *_asked(column, matter, unit or "", numbers)))
 
 
@@ -84,9 +117,11 @@ def _target(matter: Matter) -> str:
 def _unit(column: Column, head: Head, matter: Matter) -> str | None:
     """The unit of a column that is called so, empty where none is said; None where it is another quantity."""
     said, target = head.unit(column.place), _target(matter)
+    whole = matter.flag or "" not in matter.kinds
     for name in (n for n in matter.names if f"{column.heading.name} ".startswith(f"{n} ")):
         rest = column.heading.name.removeprefix(name).strip() or (said.text if said else "")
-        if (not rest or factor_of(rest, target) is not None) if target else (said is None or not said.kind):
+        known = not rest or factor_of(rest, target) is not None
+        if known if target else (said.kind if said else "") in matter.kinds and not (whole and name != column.heading.name):
             return rest
     return None
 
@@ -95,6 +130,12 @@ def _numbers(grid: Grid, head: Head, column: Column) -> list[float]:
     below = cells(grid, head, column.place)
     notation = likeliest(below)
     return [float(number.value) for cell in below if (number := notation.number(cell)) is not None]
+
+
+def _texts(grid: Grid, head: Head, column: Column) -> list[str]:
+    """The words of a column, in small letters."""
+    below = (str(cell) for cell in cells(grid, head, column.place) if not is_number(cell))
+    return [said for cell in below if not is_comment(cell) and (said := words(cell))]
 
 
 def _asked(column: Column, matter: Matter, unit: str, numbers: Sequence[float]) -> tuple[str, str]:
@@ -107,7 +148,11 @@ def _asked(column: Column, matter: Matter, unit: str, numbers: Sequence[float]) 
         return what, f"say {ignored} --set {matter.column}={number_text(numbers[0])}:{unit or target}"
     if matter.column:
         what = f"column {column.name} may be {matter.column} of the drive, or another quantity"
-        return what, f"say {option(column.option, matter.column, '' if unit else target)}, or {ignored}"
+        unsaid = "" if unit or target == COUNT else target
+        return what, f"say {option(column.option, matter.column, unsaid)}, or {ignored}"
+    if matter.flag:
+        what = f"column {column.name} marks some readings, and psafit takes all"
+        return what, f"delete the rows that are not to count and say {ignored}"
     return f"column {column.name} is of the drive, and psafit has no such setting", f"{matter.remedy}, or say {ignored}"
 
 
