@@ -167,7 +167,7 @@ ASKED: dict[str, tuple[Any, str, int | None]] = {
     ),
     "decimal commas between commas": ("f (Hz),Vpp,Range (um)\n1200,40,76,0\n", "4 cells another separator", 2),
     "decimals in a note": ("f (Hz),Vpp,Range (um),Note\n1200,40,76,05\n", "may be the decimals Note=ignore", 2),
-    "two marks": (HEAD + "1200;20;76.5\n1300;20;75.5\n1400;20;74,5\n", "'74,5' as decimal mark --decimal ,", 4),
+    "two marks": (HEAD + "1200;20;76.5\n1300;20;75.5\n1400;20;74,5\n", "mix decimal marks '74,5' (line 4)", 4),
     "a heading too many": ("f (Hz);R 1 (um);Vp;R 2 (um);No.\n1;20;7;3\n", "5 headings, and no row of more than", 1),
     "a damaged heading": ("f (Hz);U (V\x8ep);R (um)\n1;20;7\n", "no amplitude_v among", 1),
     "a unit between blanks": ("f No. Vp R\nkHz V um\n1 1 40 76\n", "no launch_range_um nor another reading among", 2),

@@ -620,3 +620,27 @@ def test_a_known_error_is_proposed_in_print(
     assert (
         "'SD' may hold the known error of each reading; if so, say --column SD=sigma_um:um" in capsys.readouterr().out
     )
+
+
+# --- what a file says of its numbers ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("Sample Rate: 200 kHz", "say --step 5:us, as line 1 says, or"),
+        ("# Sample period = 5e-6 s", "say --step 5:us, as line 1 says, or"),
+        ("Sample period: 5", "say the step that line 1 gives, with its unit: --step NUMBER:us, or"),
+        ("Run 3", "say its step, such as --step 1:us, or"),
+    ],
+)
+def test_a_step_is_proposed_as_the_file_says_it(line: str, said: str, tmp_path: Path) -> None:
+    content = f"{line}\nVelocity (mm/s)\n" + "".join(f"{k}\n" for k in range(12))
+    assert said in refused(tmp_path, content, **HELD)
+
+
+@pytest.mark.parametrize("decimal", [None, ".", ","])
+@pytest.mark.parametrize("rows", ["20;76,5\n1300;20;75.25", "20.5;76,5\n1300;20.5;76,5"])
+def test_mixed_decimal_marks_are_one_line(decimal: str | None, rows: str, tmp_path: Path) -> None:
+    asked = refused(tmp_path, f"f (Hz);Vp;Range (um)\n1200;{rows}\n", decimal=decimal)
+    assert "the numbers mix decimal marks: " in asked and "'76,5' (line 2) a comma; write all" in asked

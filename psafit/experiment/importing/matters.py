@@ -120,8 +120,8 @@ def _unit(column: Column, head: Head, matter: Matter) -> str | None:
     whole = matter.flag or "" not in matter.kinds
     for name in (n for n in matter.names if f"{column.heading.name} ".startswith(f"{n} ")):
         rest = column.heading.name.removeprefix(name).strip() or (said.text if said else "")
-        known = not rest or factor_of(rest, target) is not None
-        if known if target else (said.kind if said else "") in matter.kinds and not (whole and name != column.heading.name):
+        of_kind = (said.kind if said else "") in matter.kinds and (not whole or name == column.heading.name)
+        if (not rest or factor_of(rest, target) is not None) if target else of_kind:
             return rest
     return None
 

@@ -60,6 +60,11 @@ class Notation:
         value, said = self.value(parts[1]), unit(parts[2])
         return None if value is None or said is None else Number(value, said)
 
+    def alone(self, cell: Cell) -> bool:
+        """Whether a cell holds a number in this notation and in no other."""
+        others = (n for n in NOTATIONS.values() if n is not self)
+        return self.number(cell) is not None and all(n.number(cell) is None for n in others)
+
 
 NOTATIONS = {".": Notation("."), ",": Notation(",")}
 

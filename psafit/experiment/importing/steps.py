@@ -118,7 +118,10 @@ def _moving(grid: Grid, head: Head, options: Options, could: Sequence[Sequence[Q
         what = f"column {column.name} may be a trace over time, or read of launches"
         others = [Column(k, h, "") for k, h in enumerate(head.headings) if k not in said and k not in motions]
         found = clock(grid, head, others, options)
-        remedy = found[1] if found else "say its step, such as --step 1:us"
+        stated = list(_lines(grid, head))
+        steps = {step: f"say --step {step:f}:us, as line {line} says" for line, _, step in stated if step}
+        unclear = f"say the step that line {stated[0][0]} gives, with its unit: --step NUMBER:us" if stated else ""
+        remedy = (found and found[1]) or " or ".join(steps.values()) or unclear or "say its step, such as --step 1:us"
         raise fault(grid, head, what, f"{remedy.rstrip(',')}, or {option(column.option, launch)}")
     return []
 

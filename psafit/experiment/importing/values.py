@@ -196,10 +196,21 @@ def _cell(row: Row, column: Column) -> Cell:
 
 
 def notation_of(grid: Grid, body: Body, columns: Sequence[Column], options: Options) -> Notation:
-    """How numbers are written in the whole file; asked for where that makes a difference and cannot be known."""
+    """How numbers are written in the whole file; asked for where that makes a difference and cannot be known.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be known, or where some are written in one way only and some in the other.
+    """
+    cells = [(row.line, cell) for row in body.rows for c in columns if text_of(cell := _cell(row, c))]
+    alone = [next(((line, cell) for line, cell in cells if n.alone(cell)), None) for n in NOTATIONS.values()]
+    if (point := alone[0]) and (comma := alone[1]):
+        said = [f"{shown(str(cell))} (line {line})" for line, cell in (point, comma)]
+        what = f"the numbers mix decimal marks: {said[0]} has a point, and {said[1]} a comma"
+        raise InputError(what, "write all numbers in one way", file=grid.file, line=max(point[0], comma[0]))
     if options.decimal:
         return NOTATIONS[options.decimal]
-    cells = [(row.line, cell) for row in body.rows for c in columns if text_of(cell := _cell(row, c))]
     if two := ambiguous(cells):
         line, text, values = two
         what = f"{shown(text)} may be {values[0]:f} or {values[1]:f}, and no other number of the file shows which"
