@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -644,3 +645,21 @@ def test_a_step_is_proposed_as_the_file_says_it(line: str, said: str, tmp_path: 
 def test_mixed_decimal_marks_are_one_line(decimal: str | None, rows: str, tmp_path: Path) -> None:
     asked = refused(tmp_path, f"f (Hz);Vp;Range (um)\n1200;{rows}\n", decimal=decimal)
     assert "the numbers mix decimal marks: " in asked and "'76,5' (line 2) a comma; write all" in asked
+
+
+def test_a_clock_next_to_headings_is_one_line_with_a_remedy(tmp_path: Path) -> None:
+    """Of a Rigol oscilloscope."""
+    rows = "".join(f"{k},0.{k:02},0.0,\n" for k in range(20))
+    content = f"X,CH1,CH2,Start,Increment,\nSequence,VOLT,VOLT,-1e-5,5e-6\n{rows}"
+    for columns in ((), (mapped("X=ignore"),)):
+        asked = refused(tmp_path, content, **HELD, columns=columns)
+        assert "in.csv:1: 'Start' and 'Increment' hold a number next to the headings" in asked
+        assert "delete both with their numbers, and say --column X=time_us:5us and --start=10:us if" in asked
+    content = f"X,CH1,CH2,,,\nSequence,VOLT,VOLT,,\n{rows}"
+    said = (
+        Mapping("X", "time_us", Unit("us", scale=Decimal(5))),
+        Mapping("CH1", "velocity_mm_s", Unit("mm/s/V", scale=Decimal(5))),
+    )
+    (table,) = tables(tmp_path, content, **HELD, columns=said, start_us=10.0)
+    assert table.groups[0].time_us[:3].tolist() == [0.0, 5.0, 10.0]
+    assert table.groups[0].reading[:2] == pytest.approx([0.1, 0.15])

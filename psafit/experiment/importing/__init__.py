@@ -24,7 +24,16 @@ from psafit.experiment.importing.chosen import ERROR_OF, HELD, SETTINGS, VOLTAGE
 from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, Row, grids
-from psafit.experiment.importing.layout import Head, askew, body, find_head, names, number_rows, waveform_places
+from psafit.experiment.importing.layout import (
+    Head,
+    askew,
+    body,
+    clocked,
+    find_head,
+    names,
+    number_rows,
+    waveform_places,
+)
 from psafit.experiment.importing.numerals import is_number
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
 from psafit.experiment.importing.recorded import recorded
@@ -137,6 +146,8 @@ def _heads(file: Path, options: Options, example: str, units: Sequence[str] = ()
     A column of these units is known by its unit alone.
     """
     found = grids(file, options)
+    for line, what, remedy in filter(None, map(clocked, found)):
+        raise InputError(what, remedy, file=file, line=line)
     tries = [(grid, head) for grid in found if (head := find_head(grid, options, units))]
     marked = [(grid, head) for grid, head in tries if grid.separator not in BLANKS]
     if any(head.known > 1 for _, head in marked):  # blanks are within headings

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,10 +11,10 @@ from psafit.drives import WAVEFORMS
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
-from psafit.experiment.importing.numerals import is_number
-from psafit.experiment.importing.quantities import BLANKS, CELL_ERRORS, COMMENTS, SUMMARIES, words
+from psafit.experiment.importing.numerals import NOTATIONS, is_number
+from psafit.experiment.importing.quantities import BLANKS, CELL_ERRORS, COMMENTS, STEPS, SUMMARIES, words
 from psafit.experiment.importing.records import IGNORED, Mapping, Options
-from psafit.experiment.importing.units import Unit, foreign, unit
+from psafit.experiment.importing.units import Unit, foreign, spacing, unit
 from psafit.experiment.text import listed, shown
 
 _WAVEFORMS = {words(name): w.id for w in WAVEFORMS.values() for name in (w.id, *w.names)}
@@ -214,6 +215,30 @@ def askew(grid: Grid) -> tuple[int, str, str] | None:
         what = f"{shown(named[0].texts[0])} stands before numbers, and what was read at each of them is not said"
         remedy = "write above each column what it holds and where, such as Range at 10 Vpp (um) next to Frequency (Hz)"
         return named[0].line, what, remedy
+    return None
+
+
+def clocked(grid: Grid, most_lines: int = 300) -> tuple[int, str, str] | None:
+    """Line, fault and remedy of samples that are numbered, whose clock stands once next to headings; None for others.
+
+    Such as ``X,CH1,Start,Increment`` above ``Sequence,VOLT,-1e-5,5e-6``, in seconds.
+    """
+    rows = [row for row in grid.rows[:most_lines] if not row.is_blank]
+    for row, once, below in zip(rows, rows[1:], rows[2:], strict=False):
+        said = [words(text) for text in row.texts]
+        at = [next((k for k, name in enumerate(said) if name in called), 0) for called in ({"start"}, STEPS)]
+        given = [NOTATIONS["."].value(once.texts[k]) if k < len(once.texts) else None for k in at]
+        if not all(at) or any(any(below.texts[k : k + 1]) for k in at):
+            continue
+        start, step = given
+        if start is None or step is None or not (spaced := spacing(step, "s")):
+            continue
+        cells = " and ".join(shown(row.texts[k]) for k in at)
+        what = f"{cells} hold a number next to the headings, and none in the rows of samples"
+        column = shlex.quote(f"{row.texts[0]}=time_us:{spaced:f}us")
+        begins = f"--start={(-start * 10**6).normalize():f}:us"
+        remedy = f"delete both with their numbers, and say --column {column} and {begins} if the drive starts at 0"
+        return row.line, what, remedy
     return None
 
 
