@@ -654,8 +654,7 @@ def test_a_clock_next_to_headings_is_one_line_with_a_remedy(tmp_path: Path) -> N
     for columns in ((), (mapped("X=ignore"),)):
         asked = refused(tmp_path, content, **HELD, columns=columns)
         assert "in.csv:1: 'Start' and 'Increment' hold a number next to the headings" in asked
-        assert "delete both with their numbers, and say --column X=time_us:5us and --start=10:us if" in asked
-    content = f"X,CH1,CH2,,,\nSequence,VOLT,VOLT,,\n{rows}"
+        assert "say --column X=time_us:5us, and --start=10:us if" in asked
     said = (
         Mapping("X", "time_us", Unit("us", scale=Decimal(5))),
         Mapping("CH1", "velocity_mm_s", Unit("mm/s/V", scale=Decimal(5))),

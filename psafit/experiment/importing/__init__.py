@@ -44,6 +44,7 @@ from psafit.experiment.importing.values import Reading, groups_of, known_wavefor
 from psafit.experiment.records import CONDITION_COLUMNS, Group
 from psafit.experiment.table import CellFault, readings_of
 from psafit.experiment.text import did_you_mean, listed, shown
+from psafit.experiment.trace_table import TIME
 from psafit.files import read_bytes
 
 SETTABLE = (*HELD, *SETTINGS)
@@ -146,7 +147,8 @@ def _heads(file: Path, options: Options, example: str, units: Sequence[str] = ()
     A column of these units is known by its unit alone.
     """
     found = grids(file, options)
-    for line, what, remedy in filter(None, map(clocked, found)):
+    timed = any(m.column == TIME for m in options.columns)
+    for line, what, remedy in filter(None, map(clocked, () if timed else found)):
         raise InputError(what, remedy, file=file, line=line)
     tries = [(grid, head) for grid in found if (head := find_head(grid, options, units))]
     marked = [(grid, head) for grid, head in tries if grid.separator not in BLANKS]

@@ -237,7 +237,7 @@ def clocked(grid: Grid, most_lines: int = 300) -> tuple[int, str, str] | None:
         what = f"{cells} hold a number next to the headings, and none in the rows of samples"
         column = shlex.quote(f"{row.texts[0]}=time_us:{spaced:f}us")
         begins = f"--start={(-start * 10**6).normalize():f}:us"
-        remedy = f"delete both with their numbers, and say --column {column} and {begins} if the drive starts at 0"
+        remedy = f"say --column {column}, and {begins} if the drive starts at 0"
         return row.line, what, remedy
     return None
 
@@ -306,12 +306,21 @@ def body(grid: Grid, head: Head, needed: Sequence[int], most_rows: int) -> Body:
             what, "put # before a remark, give another table a file of its own, or correct the numbers", wordy[0].line
         )
     faults.end()
-    if rows and head.line and not grid.sheet and (widest := max(row.width for row in rows)) < len(again):
+    n = _in_rows(grid, head)
+    if rows and head.line and not grid.sheet and (widest := max(row.width for row in rows)) < n:
         fault(f"{len(again)} headings, and no row of more than {widest} cells", "give each column a heading", head.line)
         faults.end()
     if not rows:
         raise InputError("no readings below the headings", "add them", file=grid.file, line=head.line or None)
     return Body(tuple(rows), (*left_out, *text_rows))
+
+
+def _in_rows(grid: Grid, head: Head) -> int:
+    """The number of headings, less those at the end below which the row of units holds a number, once for all rows."""
+    n, once = len(head.headings), grid.rows[head.first - 1].cells if any(head.units) else ()
+    while 0 < n <= len(once) and is_number(once[n - 1]):
+        n -= 1
+    return n
 
 
 def _no_reading(grid: Grid, head: Head, texts: Sequence[str]) -> tuple[str, str] | None:
