@@ -77,7 +77,6 @@ def room(
     effect = plain.project_out(predicted - plain.predicted)
     size = np.linalg.norm(effect, axis=1)
     changed = np.abs(effect) * plain.scatter / (np.abs(plain.predicted) + plain.problem.offset)
-    share, most, *each = (
-        float(quantiles(x, pool.weights, [limit])[0]) for x in (changed.max(axis=1), size, *changed.T)
-    )
-    return Room(share, most, int(np.argmax(each)))
+    each = np.column_stack([changed.max(axis=1), size, changed])
+    share, most, *by_reading = quantiles(each, pool.weights, [limit])[0].tolist()
+    return Room(share, most, int(np.argmax(by_reading)))
