@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections.abc import Callable
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
@@ -12,29 +13,15 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import run
+from imported import refused, tables
 from keyed import CONSTANTS
 
 from psafit.drives import Drive
 from psafit.errors import InputError
 from psafit.experiment import read_experiment
-from psafit.experiment.importing import Imported, Mapping, Options, Table, read_files, write_import
+from psafit.experiment.importing import Imported, Mapping, write_import
 from psafit.experiment.importing.quantities import COLUMNS
 from psafit.experiment.importing.units import Unit, unit
-
-
-def tables(folder: Path, content: str, **said: Any) -> list[Table]:
-    file = folder / "in.csv"
-    file.write_text(content, encoding="utf-8")
-    return read_files([file], Options(**({"waveforms": ("sine",)} | said)))
-
-
-def refused(folder: Path, content: str, **said: Any) -> str:
-    """The one line that is said of a file."""
-    with pytest.raises(InputError) as caught:
-        tables(folder, content, **said)
-    (line,) = str(caught.value).splitlines()
-    assert line.isprintable() and len(line) < 500
-    return line
 
 
 def mapped(text: str) -> Mapping:
@@ -269,13 +256,23 @@ def test_settings_are_given_once(tmp_path: Path) -> None:
     assert "cycles is given, and column 'cycles' holds it" in asked
 
 
-def test_settings_are_printed(
+@pytest.fixture
+def printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "in.csv"
-    file.write_text("f (Hz);Vp;Range (um);phase_deg;cycles\n1200;20;76;90;3\n", encoding="utf-8")
-    assert run(monkeypatch, "import", file, "--out", tmp_path / "out", "--waveform", "sine") == 0
-    shown = capsys.readouterr().out
+) -> Callable[[str], str]:
+    """What the command prints of a file."""
+
+    def of(content: str) -> str:
+        file = tmp_path / "in.csv"
+        file.write_text(content, encoding="utf-8")
+        assert run(monkeypatch, "import", file, "--out", tmp_path / "out", "--waveform", "sine") == 0
+        return capsys.readouterr().out
+
+    return of
+
+
+def test_settings_are_printed(printed: Callable[[str], str]) -> None:
+    shown = printed("f (Hz);Vp;Range (um);phase_deg;cycles\n1200;20;76;90;3\n")
     assert "phase 90 deg, cycles 3 periods" in shown
     assert "group 1: sine at 90 degrees for 3 periods, 1 reading" in shown
 
@@ -612,15 +609,9 @@ def test_what_is_no_known_error_is_not_proposed(name: str, tmp_path: Path) -> No
     assert not table.errors
 
 
-def test_a_known_error_is_proposed_in_print(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "in.csv"
-    file.write_text("f (Hz);Vp;Range (um);SD\n1200;20;76;1\n", encoding="utf-8")
-    assert run(monkeypatch, "import", file, "--out", tmp_path / "out", "--waveform", "sine") == 0
-    assert (
-        "'SD' may hold the known error of each reading; if so, say --column SD=sigma_um:um" in capsys.readouterr().out
-    )
+def test_a_known_error_is_proposed_in_print(printed: Callable[[str], str]) -> None:
+    shown = printed("f (Hz);Vp;Range (um);SD\n1200;20;76;1\n")
+    assert "'SD' may hold the known error of each reading; if so, say --column SD=sigma_um:um" in shown
 
 
 # --- what a file says of its numbers ------------------------------------------------------------------------------

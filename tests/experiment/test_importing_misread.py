@@ -6,29 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from imported import refused, tables
 
 from psafit.drives import Drive
 from psafit.errors import InputError
-from psafit.experiment.importing import Mapping, Options, Table, read_files
+from psafit.experiment.importing import Mapping
 from psafit.experiment.importing.headings import heading
 from psafit.experiment.importing.units import Unit
 
 RESTS = (("idle_v", 0.0),)
 OFFSET = "Frequency (Hz);Amplitude (Vpp);DC offset (V);Range (um)\n1200;20;10;76\n1300;20;10;75\n1400;20;10;73.5\n"
-
-
-def tables(folder: Path, content: str, **said: Any) -> list[Table]:
-    file = folder / "sweep.csv"
-    file.write_text(content, encoding="utf-8")
-    return read_files([file], Options(**({"waveforms": ("sine",)} | said)))
-
-
-def refused(folder: Path, content: str, **said: Any) -> str:
-    with pytest.raises(InputError) as caught:
-        tables(folder, content, **said)
-    (line,) = str(caught.value).splitlines()
-    assert line.isprintable() and len(line) < 400
-    return line
 
 
 @pytest.mark.parametrize("waveform", ["unipolar_sine", "unipolar_square"])
