@@ -67,7 +67,10 @@ def names(mapping: Mapping, headings: Sequence[Heading]) -> list[int]:
 
 def waveform_places(grid: Grid, head: Head) -> list[int]:
     """The columns, from 0, of waveforms: they are called so, or each row has words, and psafit knows some of them."""
-    rows = [row.texts for row in grid.rows[head.first :] if not row.is_blank and not is_comment(row.texts[0])]
+    every = (row.texts for row in grid.rows[head.first :] if not row.is_blank and not is_comment(row.texts[0]))
+    first = next(every, ())
+    # Where the first row has no word, no column has one in each row.
+    rows = [first, *every] if any(text and not is_number(text) for text in first) else [first]
     found = []
     for place, named in enumerate(head.headings):
         said = {texts[place] if place < len(texts) else "" for texts in rows}
