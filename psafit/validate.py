@@ -376,8 +376,13 @@ def too_few(group: Group, least: int = 3) -> str:
     return f"fewer than {least} of its readings are above zero" if few else ""
 
 
-def score(prediction: Prediction) -> GroupScore:
-    """Scores of one group."""
+def scores_of(predictions: Sequence[Prediction]) -> list[GroupScore]:
+    """Scores of all groups; drifts are judged over what was fitted, and over what was not."""
+    return [score(p, looks=_looks(other for other in predictions if other.role == p.role)) for p in predictions]
+
+
+def score(prediction: Prediction, *, looks: int = 1) -> GroupScore:
+    """Scores of one group; its errors are one of so many `looks` for a drift."""
     measured = prediction.group.reading
     read = prediction.group.observable
     error = log_ratio(prediction.median, measured, *read.metric)
@@ -404,7 +409,8 @@ def score(prediction: Prediction) -> GroupScore:
         pit_p_value=prediction.pit_p_value,
         drift_p_value=prediction.drift_p_value,
         informative=not silent,
-        verdict=silenced or verdict(error, held, prediction.pit_p_value, prediction.drift_p_value, fitted=fitted),
+        verdict=silenced
+        or verdict(error, held, prediction.pit_p_value, prediction.drift_p_value, fitted=fitted, looks=looks),
         size="says nothing" if silent else size_of(root_mean_square(error), held, measured.size, fitted=fitted),
     )
 
@@ -436,8 +442,13 @@ def trends(scores: Sequence[GroupScore]) -> list[GroupScore]:
 
     Bonferroni's bound: each is judged at the level over the number of those that can be judged.
     """
-    looks = sum(math.isfinite(s.drift_p_value) for s in scores)
+    looks = _looks(scores)
     return [s for s in scores if s.drift_p_value * looks < LEVEL]
+
+
+def _looks(found: Iterable[GroupScore | Prediction]) -> int:
+    """How many of some groups' errors were looked at for a drift."""
+    return sum(math.isfinite(one.drift_p_value) for one in found)
 
 
 Predicts = Literal["not tested", "yes", "too sure", "misses a trend", "roughly", "no"]
@@ -513,9 +524,18 @@ def size_of(log_rmse: float, coverage: float, n: int, *, fitted: bool) -> Size:
 
 
 def verdict(
-    error: FloatArray, coverage: float, pit_p_value: float, drift_p_value: float, *, fitted: bool = False
+    error: FloatArray,
+    coverage: float,
+    pit_p_value: float,
+    drift_p_value: float,
+    *,
+    fitted: bool = False,
+    looks: int = 1,
 ) -> str:
-    """One plain sentence about a group, from its log errors and the scores of its band, and whether it was fitted."""
+    """One plain sentence about a group, from its log errors and the scores of its band, and whether it was fitted.
+
+    Of so many `looks` for a drift chance finds any in one case of a hundred.
+    """
     rmse, n = root_mean_square(error), error.size
     judged = n >= JUDGED
     narrow = judged and coverage < 0.9 - _slack(n)
@@ -528,7 +548,7 @@ def verdict(
     parts = [f"{size}, typically off by {factor}{rest}, {_direction(error)}"]
     if not judged:
         return f"{parts[0]}; too few readings to judge its band"
-    drifts = drift_p_value < LEVEL
+    drifts = drift_p_value * looks < LEVEL
     if narrow:
         parts.append(f"its 90 % band holds only {fixed(coverage, per_cent=True)} % of the readings")
     elif coverage > 0.9 + _slack(n) and pit_p_value < LEVEL:
@@ -551,7 +571,7 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
     Validation, list of Prediction
     """
     predictions = predict(run, n_draws=n_draws)
-    scores = [score(p) for p in predictions]
+    scores = scores_of(predictions)
     held_out = [s.log_rmse for s in _unseen(scores)]
     record = Validation(
         identity=run.fit.identity,

@@ -28,7 +28,7 @@ from psafit.records import (
 )
 from psafit.report.fit import write_report
 from psafit.simulate.stability import contact_matrix, largest_stable_step
-from psafit.validate import Prediction, score
+from psafit.validate import Prediction, scores_of
 
 CONSTANTS = Constants(M=0.0272, m=0.107, q=0.25e-6, l=0.15, k_s=25e6, g=9.8)
 
@@ -158,7 +158,7 @@ def make_predictions(run: Run) -> list[Prediction]:
 
 
 def make_validation(run: Run, predictions: list[Prediction]) -> Validation:
-    scores = [score(p) for p in predictions]
+    scores = scores_of(predictions)
     unseen = [s.log_rmse for s in scores if s.role == "holdout" and s.informative]
     mean = float(np.mean(unseen)) if unseen else None
     return Validation(run.fit.identity, 240, 7, scores, mean, {str(p.group.id): p.pit.tolist() for p in predictions})

@@ -41,7 +41,6 @@ from psafit.report.wording import (
 )
 from psafit.text import count, fixed
 from psafit.validate import (
-    LEVEL,
     Prediction,
     Predicts,
     caution,
@@ -49,6 +48,7 @@ from psafit.validate import (
     predicts,
     shows_trends,
     some_draws,
+    trends,
     without_each,
 )
 
@@ -205,7 +205,8 @@ def verdict_of(validation: Validation) -> dict[str, str]:
 
 def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     named = zip(fit_pictures.names_of(validation), validation.groups, strict=True)
-    drifting = [name for name, s in named if s.informative and s.drift_p_value < LEVEL]
+    trending = [s for role in ("fit", "holdout") for s in trends(_of_role(validation, role))]
+    drifting = [name for name, s in named if s.informative and s in trending]
     able = [s for s in validation.groups if s.informative and shows_trends(s)]
     some = "" if len(able) == len(validation.groups) else f" ({len(able)} of {len(validation.groups)})"
     trend = Markup("{} a trend that the model misses; <code>psafit diagnose</code> looks for more than trends.").format(
@@ -220,9 +221,13 @@ def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     return Markup(" ").join([head, trend, _what_is_not_determined(run), *_what_is_implausible(run)])
 
 
+def _of_role(validation: Validation, role: str) -> list[GroupScore]:
+    return [s for s in validation.groups if s.role == role]
+
+
 def _informative(validation: Validation, role: str) -> list[GroupScore]:
     """The groups of a role that enter means; all of them where none shows anything."""
-    scores = [s for s in validation.groups if s.role == role]
+    scores = _of_role(validation, role)
     informative = [s for s in scores if s.informative]
     return informative if informative or role == "holdout" else scores
 

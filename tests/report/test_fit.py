@@ -228,6 +228,19 @@ def test_sweeps_that_could_show_no_trend_are_not_said_to_show_none(tmp_path):
     assert "if the model is right, the data fix them all" in page.text
 
 
+def test_a_drift_is_judged_over_all_looks_everywhere_on_a_page(tmp_path):
+    """Two groups are predicted: half of the level each."""
+    run = make_run(tmp_path)
+    predictions = make_predictions(run)
+    first, *unseen = [replace(p, drift_p_value=0.5) for p in predictions]
+    assert first.role == "fit" and [p.role for p in unseen] == ["holdout"] * 2
+    for p_value, drifts in ((0.004, True), (0.006, False)):
+        validation = make_validation(run, [first, replace(unseen[0], drift_p_value=p_value), unseen[1]])
+        assert ["drift along" in s.verdict for s in validation.groups] == [False, drifts, False]
+        page = Reader(write_report(run, validation, predictions, make_numerics(run)).read_text("utf-8"))
+        assert ("the errors drift along the sweep" in page.text) == drifts
+
+
 def test_groups_that_cannot_show_it_are_not_reported(tmp_path):
     loud, silent = sweep_groups()[0], make_group("off", [100.0, 300.0, 900.0], 0.0, [0.0, 0.1, 0.0])
     run = make_run(tmp_path, (loud, silent, replace(loud, id=3)))
