@@ -103,7 +103,8 @@ def sample(
 
 def first(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
     """Look for modes from what is known; parameters as of `sample`."""
-    return hopped(fit(problem, known, seed=seed, draws=settings.draws, most=settings.starts), seed=seed)
+    few = len(problem.terms) <= settings.from_prior
+    return hopped(fit(problem, known, seed=seed, draws=settings.draws, most=settings.starts, fresh=few), seed=seed)
 
 
 def second(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:

@@ -214,7 +214,7 @@ class _Known(Generic[Content]):
     def comes_near(self, model: Model[Content], best: float) -> bool:
         """Whether it comes within the window of the best, if its fit falls short by as much as it may."""
         s = self.settings
-        slack = 0.0 if model.sampled else 2.0 * s.doubt if model.earnest else s.short_by
+        slack = 0.0 if model.sampled or model.earnest else s.short_by
         return self.value(model) >= best - s.window - slack
 
     def keep(self, found: Sequence[Model[Content]]) -> None:

@@ -33,6 +33,18 @@ def test_a_sample_goes_on_to_what_its_draws_show() -> None:
     assert draws.log_posterior <= found.log_posterior + better and draws.standard_error < 1.0
 
 
+@pytest.mark.parametrize(("ids", "by_themselves"), [(["gap"], True), (["gap", "preload", "amplifier_lag"], False)])
+def test_draws_of_the_prior_start_by_themselves_where_causes_are_few(ids: list[str], by_themselves: bool) -> None:
+    """The others are half as many, and crossed with what is known."""
+    one = replace(problem(experiment()), terms=terms(ids))
+    known = fit(one, (), seed=2, draws=64, most=4)
+    few, many = (
+        sampling.first(one, [known], seed=1, settings=SampleSettings(draws=draws, starts=4)).effort.n_sets
+        for draws in (64, 4096)
+    )
+    assert (many - few > 4096) is by_themselves
+
+
 def test_looks_are_taken_until_two_agree(monkeypatch) -> None:
     """And where none agrees, the evidence has an error of as much as the best look is above the next."""
     rig = problem(experiment())
