@@ -46,6 +46,7 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
     """Validate an experiment folder and say what is in it."""
     from psafit.experiment import changes_text, describe
     from psafit.observables import OBSERVABLES
+    from psafit.physics import with_unit
     from psafit.prior_check import read as read_folder
 
     data = read_folder(experiment)
@@ -59,14 +60,15 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
         )
         for group, of in zip(content["groups"], data.groups, strict=True):
             spans = (_span(group["frequency_hz"], "Hz"), _span(group["amplitude_v"], "V"))
+            low, high = of.volts
             read = ", ".join(f"{o.title} {_span(group[o.column], o.unit)}" for o in OBSERVABLES if o.column in group)
             click.echo(
                 f"  group {group['id']}: {of.drive.label}, {count(group['n_points'], 'reading')}, "
-                f"{spans[0]}, {spans[1]}, {read}{changes_text(group['constants'].items())}"
+                f"{spans[0]}, {spans[1]} ({low:g} to {high:g} V), {read}{changes_text(group['constants'].items())}"
             )
         for known in content["priors"]:
             origin = ", from [rig]" if known["derived"] else ""
-            click.echo(f"  prior of {known['name']}{origin}: {known['prior']} ({known['source']})")
+            click.echo(f"  prior of {with_unit(known['name'])}{origin}: {known['prior']} ({known['source']})")
         for name, facts in content["lacking"].items():
             click.echo(f"  no prior of {name}, from [rig]: it needs {' and '.join(facts)}, too")
         warn(content["warnings"])

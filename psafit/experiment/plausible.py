@@ -142,7 +142,7 @@ def _suspicious_rating(
                 f"rated_voltage over layer_thickness is {field:.3g} kV/mm, of stacks it is 1 to 2; is one of them in"
                 " another unit?"
             )
-    reached = {group.id: _volts(group) for group in groups}
+    reached = {group.id: group.volts for group in groups}
     highest = max(reached, key=lambda id: max(map(abs, reached[id])))
     volts = max(map(abs, reached[highest]))
     if volts > rig.rated_voltage:
@@ -163,16 +163,6 @@ def _reversed(group: Group, volts: float, rated: float) -> str:
         f"the drive of group {group.id}, {group.waveform}, goes down to {volts:g} V, which most stacks of {rated:g} V"
         f" do not survive; {remedy}"
     )
-
-
-def _volts(group: Group) -> tuple[float, float]:
-    """The least and the greatest voltage of a drive, V."""
-    drive, form = group.drive, WAVEFORMS.get(group.waveform)
-    if drive.table is not None and drive.recorded:
-        return float(drive.table.value.min()), float(drive.table.value.max())
-    span = form.span if form else drive.table.span if drive.table else (-1.0, 1.0)
-    volts = [drive.idle_v, *(drive.bias_v + level * float(group.amplitude_v.max()) for level in span)]
-    return min(volts), max(volts)
 
 
 def _suspicious_ball(rig: Rig, constants: Constants, factor: float = 1.33) -> list[str]:

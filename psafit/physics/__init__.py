@@ -54,6 +54,7 @@ from psafit.physics.term import SLOTS, Term, signature
 
 __all__ = [
     "TERMS", "baseline", "informed", "meaning", "owner", "plugin_versions", "recorded", "signatures", "term", "terms",
+    "with_unit",
 ]  # fmt: skip
 
 _BUILT_IN: tuple[Term, ...] = tuple(
@@ -191,6 +192,17 @@ def _refused(belief: Followed, reason: str) -> tuple[str, str]:
     facts = " and ".join(valued(key, value) for key, value in belief.facts)
     what = f"{belief.name} cannot be what follows from {facts}"
     return what, f"correct the fact or its unit, or leave it out; a prior {reason}"
+
+
+def with_unit(name: str) -> str:
+    """A parameter of the baseline or of a cause with its unit, if it has one.
+
+    >>> with_unit("k_c"), with_unit("no_tension_s")
+    ('k_c (N/m)', 'no_tension_s')
+    """
+    every = (*baseline.PARAMETERS, *(p for t in TERMS for p in t.parameters))
+    unit = next((p.unit for p in every if p.name == name), "1")
+    return name if unit == "1" else f"{name} ({unit})"
 
 
 def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[Parameter, ...], tuple[Term, ...]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -23,7 +24,8 @@ PSA = Path(__file__).parents[2] / "experiments" / "psa"
 
 def test_check(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     assert run(monkeypatch, "check", known_folder, "--json", tmp_path / "c.json") == 0
-    assert "group 2: square, 20 readings" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "group 2: square, 20 readings" in printed and " V (-20 to 20 V), launch range" in printed
     assert json.loads((tmp_path / "c.json").read_text())["n_points"] == 62
     assert run(monkeypatch, "check", known_folder, "--quiet") == 0
     assert capsys.readouterr().out == ""
@@ -40,12 +42,12 @@ def test_check(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     for group in read_experiment(known_folder).groups:
         (lone / group.file).write_text((known_folder / group.file).read_text())
     assert run(monkeypatch, "check", lone) == 0
-    assert "  prior of k_c: log-normal, median 400000, factor 2 for one sd (Hertz)\n" in capsys.readouterr().out
+    assert "  prior of k_c (N/m): log-normal, median 400000, factor 2 for one sd (Hertz)\n" in capsys.readouterr().out
     rig = "[rig]\nsource_resistance = 50\ncapacity = 1.5e-6\n"
     (lone / "experiment.toml").write_text(definition + rig)
     assert run(monkeypatch, "check", lone) == 0
     printed = capsys.readouterr().out
-    assert "  prior of amplifier_lag_tau, from [rig]: normal, mean 7.5e-05, sd 1.8" in printed
+    assert "  prior of amplifier_lag_tau (s), from [rig]: normal, mean 7.5e-05, sd 1.8" in printed
     assert "5 % in a Cauchy tail 3 times as wide; at work: 0.95 (50 ohm into 1.5e-06 F" in printed
     (lone / "experiment.toml").write_text(definition + known.format("k_c"))
     assert run(monkeypatch, "simulate", lone, "--json", tmp_path / "s.json", "--quiet") == 0
@@ -54,6 +56,9 @@ def test_check(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     assert run(monkeypatch, "check", lone) == 2
     said = capsys.readouterr().err
     assert "there is no parameter 'k_" in said and said.count("\n") == 1 and "\u202e" not in said
+    (lone / "experiment.toml").write_text(definition.replace('"square"', '"unipolar_square"\nbias_v = 1'))
+    assert run(monkeypatch, "check", lone) == 0
+    assert re.search(r"V \(0 to \d+ V\), launch range", capsys.readouterr().out)
 
 
 @pytest.mark.slow

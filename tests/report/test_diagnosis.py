@@ -364,9 +364,9 @@ def test_priors_that_follow_are_not_those_that_are_stated(tmp_path):
     )
     experiment = replace(make_experiment("One"), beliefs=beliefs)
     text = build(make_record(experiment), experiment, tmp_path).text
-    followed = f"amplifier_lag_tau: {lag.describe()}; at work: 0.95 (50 ohm into 1.5 uF)"
+    followed = f"amplifier_lag_tau (s): {lag.describe()}; at work: 0.95 (50 ohm into 1.5 uF)"
     assert re.search(r"Priors that follow from \[rig\]\s*" + re.escape(followed), text)
-    assert re.search(r"Priors that the experiment states\s*k_c: log-normal, median 4e\+06, factor 1.5", text)
+    assert re.search(r"Priors that the experiment states\s*k_c \(N/m\): log-normal, median 4e\+06, factor 1.5", text)
 
 
 @pytest.mark.usefixtures("undrawn")
