@@ -482,7 +482,8 @@ class Broken:
         What the model says, and what the law allows: ranges in um ("carried", at least), energies in J ("energy", at
         most).
     readings : int
-        At which the law is broken, of those that were asked.
+        At which the law is broken, of those that were asked: all ("carried"), or the farthest launch of each group
+        ("energy").
     text : str
         The same in words.
     """

@@ -451,7 +451,7 @@ def _looks(found: Iterable[GroupScore | Prediction]) -> int:
     return sum(math.isfinite(one.drift_p_value) for one in found)
 
 
-Predicts = Literal["not tested", "yes", "too sure", "misses a trend", "roughly", "no"]
+Predicts = Literal["not tested", "yes", "not everywhere", "too sure", "too unsure", "misses a trend", "roughly", "no"]
 """Whether a fit predicts the groups it has not seen."""
 
 
@@ -462,8 +462,12 @@ def predicts(validation: Validation) -> Predicts:
         return "not tested"
     if mean > GOOD:
         return "roughly" if mean <= FAIR else "no"
+    if _off(unseen):
+        return "not everywhere"
     if too_narrow(unseen) or any(map(_narrow, unseen)):
         return "too sure"
+    if any(map(_wide, unseen)):
+        return "too unsure"
     return "misses a trend" if trends(unseen) else "yes"
 
 
@@ -476,12 +480,22 @@ def caution(validation: Validation) -> str:
     unseen = _unseen(validation.groups)
     if unseen and too_narrow(unseen):
         return "its 90 % band holds too few of the unseen readings"
-    if narrow := [str(s.group) for s in unseen if _narrow(s)]:
-        return f"its 90 % band holds too few of the readings of unseen group {', '.join(dict.fromkeys(narrow))}"
-    if trend := [str(s.group) for s in trends(unseen)]:
-        return f"the errors of unseen group {', '.join(dict.fromkeys(trend))} drift"
-    missed = validation.holdout_log_rmse is not None and validation.holdout_log_rmse > FAIR
-    return "the groups it has not seen are missed" if missed else ""
+    if narrow := [s for s in unseen if _narrow(s)]:
+        return f"its 90 % band holds too few of the readings of unseen group {_ids(narrow)}"
+    if trend := trends(unseen):
+        return f"the errors of unseen group {_ids(trend)} drift"
+    if off := _off(unseen):
+        return f"unseen group {_ids(off)} is {'missed' if max(s.log_rmse for s in off) > FAIR else 'roughly followed'}"
+    if wide := [s for s in unseen if _wide(s)]:
+        return f"its 90 % band holds too many of the readings of unseen group {_ids(wide)}"
+    mean = validation.holdout_log_rmse
+    if mean is not None and mean > GOOD:
+        return f"the groups it has not seen are {'missed' if mean > FAIR else 'roughly followed'}"
+    return ""
+
+
+def _ids(scores: Iterable[GroupScore]) -> str:
+    return ", ".join(dict.fromkeys(str(s.group) for s in scores))
 
 
 def _unseen(scores: Iterable[GroupScore]) -> list[GroupScore]:
@@ -492,6 +506,17 @@ def _unseen(scores: Iterable[GroupScore]) -> list[GroupScore]:
 def _narrow(score: GroupScore) -> bool:
     """Whether the band of one group, which has readings enough, holds too few of them."""
     return score.n_points >= JUDGED and too_narrow([score])
+
+
+def _wide(score: GroupScore) -> bool:
+    """Whether the band of one group holds more of its readings than it should, and their order in it says so, too."""
+    excess = score.coverage_90 - 0.9
+    return score.n_points >= JUDGED and excess > _slack(score.n_points) and score.pit_p_value < LEVEL
+
+
+def _off(scores: Iterable[GroupScore]) -> list[GroupScore]:
+    """Groups with readings enough that are not predicted well."""
+    return [s for s in scores if s.n_points >= JUDGED and s.log_rmse > GOOD]
 
 
 def shows_trends(score: GroupScore) -> bool:

@@ -245,6 +245,14 @@ def test_one_unseen_group_that_fails_is_not_averaged_away(checked) -> None:  # t
         ({}, "yes", ""),
         ({"coverage_90": 0.7}, "too sure", "its 90 % band holds too few of the readings of unseen group 7"),
         ({"drift_p_value": 0.001}, "misses a trend", "the errors of unseen group 7 drift"),
+        ({"log_rmse": validate.GOOD + 0.01}, "not everywhere", "unseen group 7 is roughly followed"),
+        ({"log_rmse": validate.FAIR + 0.01}, "not everywhere", "unseen group 7 is missed"),
+        (
+            {"coverage_90": 1.0, "n_points": 60, "pit_p_value": 0.001},
+            "too unsure",
+            "its 90 % band holds too many of the readings of unseen group 7",
+        ),
+        ({"coverage_90": 1.0, "n_points": 60, "pit_p_value": 0.5}, "yes", ""),
         ({"coverage_90": 0.5, "n_points": 4}, "yes", ""),  # too few readings to judge
         ({"coverage_90": 0.7, "drift_p_value": 0.001, "informative": False}, "yes", ""),
     ):
@@ -253,6 +261,12 @@ def test_one_unseen_group_that_fails_is_not_averaged_away(checked) -> None:  # t
         one = replace(found, groups=groups, holdout_log_rmse=0.1)
         assert (validate.predicts(one), validate.caution(one)) == (word, why)
     assert validate.predicts(replace(found, groups=[good], holdout_log_rmse=None)) == "not tested"
+    for mean, word, why in (
+        (validate.GOOD + 0.01, "roughly", "the groups it has not seen are roughly followed"),
+        (validate.FAIR + 0.01, "no", "the groups it has not seen are missed"),
+    ):
+        off = replace(found, groups=[replace(good, n_points=4)], holdout_log_rmse=mean)
+        assert (validate.predicts(off), validate.caution(off)) == (word, why)
 
 
 def test_what_was_fitted_is_not_called_predicted() -> None:

@@ -313,8 +313,8 @@ class Work:
         """What the tests say of the baseline and the best model, and the laws that reported models break."""
         model_set, verdict, left = judgement.model_set, judgement.verdict, judgement.left
         best_model = model_set.best_model
-        held = [judgement.adopted, *(model_set.of(ids) for ids in verdict.alternatives[: self.settings.laws.held])]
-        laws = [law for model in held for law in broken(model, self.settings.laws)]
+        reported = [judgement.adopted, *map(model_set.of, verdict.alternatives)]
+        laws = [law for model in reported for law in broken(model, self.settings.laws)]
         misfit = results.misfit_of(
             judgement.before, judgement.after, left, model_set.baseline, best_model,
             firm=robustness(model_set.baseline, best_model, judgement.bare, left) if best_model.terms else None,

@@ -41,13 +41,10 @@ class LawSettings:
         Widths of a reading's scatter by which a range may lie below what the tip carries the ball to.
     energy : float
         Share of the drive's work by which the ball's energy may exceed it: far above the reference's error.
-    held : int
-        Alternatives, the most probable first, that are asked in addition to the model adopted.
     """
 
     margin: float = 2.0
     energy: float = 1e-3
-    held: int = 3
 
 
 def broken(candidate: Candidate, settings: LawSettings | None = None) -> list[Broken]:

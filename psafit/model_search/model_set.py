@@ -1,7 +1,7 @@
 """What a search leaves: models, and a probability for each.
 
 *Prior over models.* Causes are at work independently of each other, each with the probability that its file declares
-and gives a reason for. Most are surprises: of 25 such causes about one is expected. A few are not, as that a dry
+and gives a reason for. Most are surprises: of all these together one or two are expected. A few are not, as that a dry
 contact does not pull. Models that were fitted and not sampled are counted with what the fit says, so that a best model
 is not certain only because its rivals were not sampled.
 
@@ -55,16 +55,20 @@ class LookedAt:
     estimated : int
         Those of them of which the evidence is a short fit's estimate; the others were sampled.
     mass_not_looked_at : float
-        Share of the probability that these estimates add up to.
+        Share of the probability that these estimates add up to. (A set that does not show is counted with its part.)
     """
 
     fitted: int
     estimated: int
     mass_not_looked_at: float
 
-    def no_other(self, what: str = "set") -> str:
-        """Return who does not do as well as what is named: no other set at all, or none of those that were sampled."""
-        return f"no other {what}" + ("" if self.mass_not_looked_at < NEGLIGIBLE else " that was sampled")
+    def no_other(self, causes: int, most: int, what: str = "set") -> str:
+        """Return who does not do as well as a set of so many causes: no other, or none of those that were looked at.
+
+        Sets of more than `most` causes were not.
+        """
+        sampled = "" if self.mass_not_looked_at < NEGLIGIBLE else " that was sampled"
+        return f"no other {what}{f' of at most {most} causes' if causes == most else ''}{sampled}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +118,8 @@ class ModelSet:
     def looked_at(self) -> LookedAt:
         """What the search has looked at."""
         estimated = [ids for ids in self.probability if ids not in self.samples]
-        return LookedAt(len(self.probability), len(estimated), sum(self.probability[ids] for ids in estimated))
+        mass = sum(self.probability[ids] for ids in estimated)
+        return LookedAt(len(self.probability), len(estimated), mass)
 
     def draws(self, ids: Ids, seed: int) -> ImportanceSample:
         """Posterior draws of a model; worked out for one that the search did not sample."""

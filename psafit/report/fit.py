@@ -59,7 +59,17 @@ _ONE_SIDED = {"bounded above": "no lower limit", "bounded below": "no upper limi
 _PREDICTS: dict[Predicts, tuple[str, str, str]] = {
     "not tested": ("not tested", "warn", ""),
     "yes": ("predicts", "good", "Yes: the fit predicts"),
+    "not everywhere": (
+        "comes near, not everywhere",
+        "warn",
+        "Not quite: the fit comes near, but not in every group, for",
+    ),
     "too sure": ("comes near, too sure", "warn", "Not quite: the fit comes near, but is surer than it may be, for"),
+    "too unsure": (
+        "comes near, too unsure",
+        "warn",
+        "Not quite: the fit comes near, but is less sure than it may be, for",
+    ),
     "misses a trend": ("comes near, misses a trend", "warn", "Not quite: the fit comes near, but misses a trend, for"),
     "roughly": ("roughly predicts", "warn", "Not quite: the fit roughly predicts"),
     "no": ("does not predict", "bad", "No: the fit does not predict"),

@@ -56,6 +56,9 @@ def test_only_what_was_looked_at_does_less_well() -> None:
     for mass, said in ((0.004, "no other set does as well"), (0.02, "no other set that was sampled does as well")):
         (named,) = of(replace(alone, looked_at=LookedAt(164, 151, mass)), Named)
         assert said in named.say(PLAIN)
+    settings = replace(alone.settings, search=replace(alone.settings.search, most_causes=len(alone.named)))
+    (named,) = of(replace(alone, settings=settings), Named)
+    assert f"no other set of at most {len(alone.named)} causes does as well" in named.say(PLAIN)
     (named,) = of(replace(alone, unnamed=0.2), Named)
     assert "A discrepancy without a name keeps 20 % of the probability." in named.say(PLAIN)
 
@@ -72,8 +75,8 @@ def test_why_the_best_extension_is_no_explanation() -> None:
         (named,) = of(replace(d, unexplained_by=why), Named)
         assert words in named.say(PLAIN)
     assert (
-        "A ball cannot gain more than the drive gives. hysteresis breaks that law at 3 readings, most at group 1."
-        in (sentences(replace(d, laws=[law])))
+        "A ball cannot gain more than the drive gives. hysteresis breaks that law at the farthest launch of 3"
+        " groups, most at group 1." in (sentences(replace(d, laws=[law])))
     )
 
 

@@ -24,10 +24,10 @@ from psafit.experiment import Experiment, Group, fingerprint
 from psafit.model_search.model_set import LookedAt
 from psafit.observables import LAUNCH_SPEED, OBSERVABLES
 from psafit.parameters import Belief, LogNormal, Normal, Tailed
-from psafit.records import plain, read_json, write_json
+from psafit.records import Broken, plain, read_json, write_json
 from psafit.report.catalogue import model
 from psafit.report.diagnosis import causes, gain, misfit, next_experiment, overview, shown
-from psafit.report.diagnosis.answer import PAGE
+from psafit.report.diagnosis.answer import PAGE, kind
 
 NOT_A_NUMBER = re.compile(r"\b(nan|inf|None)\b(?! proposed)")
 SECTIONS = [
@@ -201,7 +201,7 @@ def test_page_stands_alone(page):
             unexplained,
             [
                 "Check first what psafit takes as given: the waveform,",
-                "No cause of the catalogue explains what these readings show. What the baseline misses: ",
+                "No cause of the catalogue stands out that would explain what these readings show. What the baseline",
                 "standard deviation falls by at least 78 %",
                 "Narrowing",
             ],
@@ -211,7 +211,7 @@ def test_page_stands_alone(page):
             unnamed,
             [
                 "but it is improbable compared with a discrepancy without a name.",
-                "explains what these readings show. A discrepancy without a name keeps 81 % of the probability.",
+                "would explain what these readings show. A discrepancy without a name keeps 81 % of the probability.",
                 "Group 2 ×1.01 ×1.05 Group third – –",
             ],
             ["compared with an extended model", "Of the baseline"],
@@ -268,6 +268,13 @@ def test_what_a_proposal_leaves_tied_and_what_is_confounded_is_reported(undrawn,
     assert (
         "Predicted worse than by the baseline: group" in page.first_screen and "worse than by the baseline" in page.text
     )
+
+
+def test_a_baseline_that_breaks_a_law_is_not_green() -> None:
+    passed = adequate(make_record(make_experiment("a rig")))
+    law = Broken("carried", [], 1, 200.0, 20.0, 2.0, 3.0, 1, "group 1")
+    assert kind(passed) == kind(replace(passed, laws=[replace(law, terms=["gap"])])) == "good"
+    assert kind(replace(passed, laws=[law])) == "bad"
 
 
 def test_only_what_was_looked_at_is_said_to_do_less_well(undrawn, tmp_path):

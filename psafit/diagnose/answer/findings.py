@@ -178,6 +178,8 @@ class Named(Statement):
         Probability of a discrepancy without a name.
     looked_at : LookedAt
     restricted : bool
+    most : int
+        Causes of a set.
     """
 
     topic = "wrong"
@@ -193,6 +195,7 @@ class Named(Statement):
     unnamed: float
     looked_at: LookedAt
     restricted: bool
+    most: int
 
     def say(self, words: Words) -> str:
         what = words.causes(self.causes)
@@ -201,7 +204,9 @@ class Named(Statement):
         near = [words.instead(self.causes, r.causes) for r in self.alternatives if not r.by_likelihood]
         unnamed = words.put(" A discrepancy without a name keeps {} of the probability.", words.per_cent(self.unnamed))
         rest = unnamed if self.unnamed >= WORTH_SAYING else ""
-        other = self.looked_at.no_other("set of these causes" if self.restricted else "set")
+        other = self.looked_at.no_other(
+            len(self.causes), self.most, "set of these causes" if self.restricted else "set"
+        )
         if self.verdict == "explained":
             how = "{} explains the misfit; the tests find nothing left of it, and {} does as well.{}"
             if not self.rejected:
@@ -221,7 +226,8 @@ class Named(Statement):
             return words.put(how, len(near) + 1, what, words.joined("; or ", _first(near)), likely, no, rest)
         if not self.causes:
             looked = "that was looked at" if self.restricted else "of the catalogue"
-            return words.put("No cause {} explains what these readings show.{}", looked, rest)
+            how = "No cause {} stands out that would explain what these readings show.{}"
+            return words.put(how, looked, rest)
         why = _NONE[self.left] if self.left in ("law", "smooth") else _REMAINS[self.objection]
         odd = f"{_P_VALUE[self.objection]} {p_text(self.p_after, self.floor)}; " if self.objection else ""
         others = [
@@ -323,10 +329,14 @@ class BreaksLaw(Statement):
             "carried": "A ball cannot move less than the tip carries it.",
             "energy": "A ball cannot gain more than the drive gives.",
         }
-        b = self.broken
+        b, many = self.broken, "" if self.broken.readings == 1 else "s"
+        asked = {
+            "carried": f"at {b.readings} reading{many}",
+            "energy": f"at the farthest launch of {b.readings} group{many}",
+        }
         return words.put(
-            "{} {} breaks that law at {} reading{}, most at {}.", laws[b.law], words.causes(b.terms), b.readings,
-            "" if b.readings == 1 else "s", words.number(b.text),
+            "{} {} breaks that law {}, most at {}.", laws[b.law], words.causes(b.terms), asked[b.law],
+            words.number(b.text),
         )  # fmt: skip
 
 

@@ -125,10 +125,11 @@ def first_screen(result: Diagnosis, beliefs: Sequence[Belief] = (), together: in
 def kind(result: Diagnosis) -> str:
     """The colour of the verdict.
 
-    A baseline that nothing refutes may be less probable than others, and what fits may do so at implausible values.
+    A baseline that nothing refutes may be less probable than others, or break a law; and what fits may do so at
+    implausible values.
     """
     doubtful = result.verdict == "adequate" and kept(result) < 0.5
-    if result.unexplained_by == "law":
+    if result.unexplained_by == "law" or (result.verdict == "adequate" and any(not b.terms for b in result.laws)):
         return "bad"
     return "warn" if doubtful or result.unexplained_by == "values" else _KINDS[result.verdict]
 

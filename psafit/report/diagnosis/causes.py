@@ -356,9 +356,10 @@ def no_alternative(result: Diagnosis) -> str:
     if result.verdict == "adequate":
         return "No cause is needed. What the readings leave the other sets stands in the table of models."
     if not result.named:
-        return "No set of causes that was fitted does better than the baseline, which does not explain the readings."
+        return "No set of causes that was fitted stands out from the baseline, which does not explain the readings."
     what = "set of these causes" if result.left_out else "set of causes"
-    return f"{result.looked_at.no_other(what).capitalize()} does as well."
+    other = result.looked_at.no_other(len(result.named), result.settings.search.most_causes, what)
+    return f"{other.capitalize()} does as well."
 
 
 def confounded(pairs: Sequence[Confounded], most: int = 12) -> list[list[Any]]:
