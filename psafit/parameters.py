@@ -294,6 +294,8 @@ class Belief:
         one cause, see `leading_belief`.
     derived : bool
         Whether it follows from what the rig is made of, and was not stated itself.
+    bounds : Bounds, optional
+        What is possible on this rig, in the place of what is possible on any.
     """
 
     name: str
@@ -303,6 +305,7 @@ class Belief:
     line: int | None = field(default=None, compare=False)
     probability: float | None = None
     derived: bool = False
+    bounds: Bounds | None = None
 
     def describe(self) -> str:
         """Words for tables."""
@@ -389,7 +392,7 @@ class Parameter:
             ends = [narrowest * usual, widest * usual]
             ends, word = ([math.exp(x) for x in ends], "factor") if prior.coordinate == "log" else (ends, "sd")
             raise ValueError(f"has a {word} from {ends[0]:.6g} to {ends[1]:.6g}")
-        return replace(self, prior=prior, source=belief.source)
+        return replace(self, prior=prior, source=belief.source, bounds=belief.bounds or self.bounds)
 
     @property
     def signature(self) -> list[str | float]:

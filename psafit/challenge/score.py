@@ -461,7 +461,7 @@ def _targets(
             _opposite(reliability[-1].right),
         ),
         Target(
-            "90 % intervals, truths drawn from the priors, whatever is named: hold the truth",
+            "90 % intervals, truths of at most two causes drawn from the priors, whatever is named: hold the truth",
             unselected.share,
             "87 to 93 %",
             None if unselected.share is None else 0.87 <= unselected.share <= 0.93,

@@ -27,6 +27,7 @@ from psafit.diagnose.record import (
     ParameterResult,
     Reading,
     ScreeningResult,
+    ScreeningWord,
     Tests,
     Where,
 )
@@ -160,7 +161,7 @@ def screening_of(
     return sorted(found, key=lambda s: -s.refit_gain)
 
 
-def word_for(found: Screened, model_set: ModelSet, verdict: Verdict, left: Room | None) -> str:
+def word_for(found: Screened, model_set: ModelSet, verdict: Verdict, left: Room | None) -> ScreeningWord:
     """What the whole model set says of one cause; the refit knows better than the expansion what it can do.
 
     Not present is what would have been seen, and has less `left` to it than what would be; a verdict that explains

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Final
 
 from psafit.experiment import GroupId
 from psafit.text import fixed, percent, significant
 
-NO_ACTION = "does not act on what was read"
+NO_ACTION: Final = "does not act on what was read"
 """What is said of a cause that changes launch ranges alone, where no launch range was read."""
 
 

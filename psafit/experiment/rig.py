@@ -19,7 +19,7 @@ from collections.abc import Container
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
-from psafit.parameters import Belief, LogNormal, Normal, Tailed
+from psafit.parameters import Belief, Bounds, LogNormal, Normal, Tailed
 
 if TYPE_CHECKING:
     from psafit.experiment.records import Constants
@@ -192,7 +192,9 @@ class Followed(Belief):
     derived: bool = True
 
 
-def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[Followed, ...]:
+def beliefs(
+    rig: Rig, constants: Constants, *, own_lag: float = 2e-6, lags: float = 0.95, anchored: float = 0.7
+) -> tuple[Followed, ...]:
     """Priors that follow from what a rig is made of.
 
     All have heavy tails: a handbook knows neither the glue nor the film on a face, and a fact may be mistaken.
@@ -205,6 +207,13 @@ def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[F
     own_lag : float, s
         What an amplifier lags behind without any load, and what no resistance says: 2 us are those of 80 kHz. Fast ones
         have 0.3 us (PiezoDrive PD200X4, manual read: 470 kHz without load), bench-top controllers 10 us and more.
+    lags : float
+        Probability that a stated resistance and capacity that give a lag do so: one such statement in twenty may not
+        be of what drives the stack (an estimate).
+    anchored : float
+        Probability that the stroke is anchored at the rated voltage, where the rig's stroke per volt is the data
+        sheet's: soft PZT does that, and of stacks sold one in three may be another material, or driven so near to its
+        rated voltage that nothing of it shows (an estimate).
 
     Returns
     -------
@@ -213,9 +222,9 @@ def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[F
     found = []
     ball = with_radius(rig, constants)
 
-    def follows(name: str, prior: Tailed, source: str, *keys: str, probability: float | None = None) -> None:
+    def follows(name: str, prior: Tailed, source: str, *keys: str, **rest: Any) -> None:
         facts = tuple((key, getattr(constants if hasattr(constants, key) else rig, key)) for key in keys)
-        found.append(Followed(name, prior, source, probability=probability, facts=facts))
+        found.append(Followed(name, prior, source, facts=facts, **rest))
 
     if (stiffness := hertz_stiffness(ball)) is not None:
         weighed = "" if rig.ball_radius else ", the radius of a solid one of mass M,"
@@ -232,11 +241,11 @@ def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[F
             f" capacity has a tolerance of 20 % and grows with the field, and {own_lag:g} s of an amplifier's own"
         )
         known = Tailed(Normal(lag, math.hypot(0.25 * lag, own_lag)))
-        at_work = 0.95 if lag > own_lag else None  # a lag that no reading shows is no more likely to be named
+        at_work = lags if lag > own_lag else None  # a lag that no reading shows is no more likely to be named
         follows("amplifier_lag_tau", known, why, "source_resistance", "capacity", probability=at_work)
     if rig.rated_voltage is not None:
         why = f"rated voltage of {rig.rated_voltage:g} V, at which the data sheet states the stroke"
-        at_work = 0.7 if is_rated_stroke(rig, constants) else None
+        at_work = anchored if is_rated_stroke(rig, constants) else None
         known = Tailed(LogNormal(rig.rated_voltage, 1.1))
         follows("anchored_voltage", known, why, "rated_voltage", probability=at_work)
     if rig.layer_thickness is not None:
@@ -249,5 +258,5 @@ def beliefs(rig: Rig, constants: Constants, *, own_lag: float = 2e-6) -> tuple[F
     why = f"2.5 degrees of a string of {1e3 * constants.l:.3g} mm, for whoever wants contact at every launch"
     known = Tailed(Normal(0.0, math.radians(2.5) * constants.l))
     for name in ("preload_offset", "session_lean_offset"):
-        follows(name, known, why, "l")
+        follows(name, known, why, "l", bounds=Bounds(0.0, 0.5 * constants.l))
     return tuple(found)

@@ -61,7 +61,8 @@ TERM = Term(
             description="amplitude over the stated one",
             source="peak to peak taken for peak 0.5; RMS for peak 1.41; the voltage at a matched load for that of an"
             " open circuit 2 (Keysight's and Tektronix' manuals of function generators call the setting output load;"
-            " not read). Each to 5 %: what a meter and the generator's own amplitude leave. The rest is for"
+            " not read). Each to 5 %: what a meter and the generator's own amplitude leave. How often each occurs is an"
+            " estimate, peak to peak most. The rest is for"
             " attenuators and amplifiers whose gain is not what its front says. A probe left at 10:1 is the worst that"
             " goes unseen",
             neutral=1.0,

@@ -112,9 +112,11 @@ TERM = Term(
             prior=Tailed(Normal(0.006, 0.004)),
             description="relative growth of the stroke per volt, for each volt",
             source="loops of 2 % at small signals and 10-15 % at full voltage (Physik Instrumente, Piezo tutorial,"
-            " read): x/(2 (1 + x)) = 0.1-0.15 at 20 V of a 0.11 mm layer would be alpha = 0.0125 1/V, at 150 V"
-            " 0.0017-0.003; from memory, 0.003-0.015 by Rayleigh's law (that it holds for PZT: Damjanovic and Demartin"
-            " 1996, abstract read). At 0.1 1/V a stack would have a sixteenth of its stroke per volt near zero",
+            " read). Of a drive of both signs the loop is x/(2 (1 + x)), x = alpha U: 0.1-0.15 are 0.0125-0.021 1/V"
+            " if full voltage is 20 V, and 0.0017-0.003 if it is 150 V. From 0 to U, as such stacks are driven, it is"
+            " x/(4 + 2 x): 0.0033-0.0057 at 150 V. From memory, 0.003-0.015 by Rayleigh's law (that it holds for PZT:"
+            " Damjanovic and Demartin 1996, abstract read). At 0.1 1/V a stack would have a sixteenth of its stroke"
+            " per volt near zero",
             neutral=0.0,
         ),
         Parameter(

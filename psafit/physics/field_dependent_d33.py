@@ -45,7 +45,8 @@ TERM = Term(
             prior=Tailed(Normal(0.006, 0.004)),
             description="relative growth of the stroke per volt, for each volt",
             source="the loop that belongs to it opens by x/(2 (1 + x)) of the stroke, x = alpha V: loops of 10-15 % at"
-            " full voltage (Physik Instrumente, Piezo tutorial, read) are x = 0.25-0.43, and 2 % at small signals."
+            " full voltage (Physik Instrumente, Piezo tutorial, read) are x = 0.25-0.43, or 0.5-0.86 if the drive goes"
+            " from 0 V (the loop is x/(4 + 2 x) then), and 2 % at small signals."
             " 0.003-0.015 1/V on layers of 0.11 mm is from memory (Hall 2001 and Li, Cao and Cross 1991, of which only"
             " abstracts were read). At 0.1 1/V the stroke per volt at 150 V would be 16 times that at 1 V; a data"
             " sheet's strokes at 100 and 150 V are proportional",

@@ -6,9 +6,10 @@ r"""A stack that stands on a wall which gives way.
 
 What pushes the tip forward pushes the holder back. The baseline holds the stack's foot still; a holder of mass
 :math:`M_w` on its bolts, its rail or its table, of stiffness :math:`k_w`, swings with the reaction `R` and moves tip
-and ball with it. Ranges change by 1-4 % near and above its resonance :math:`f_w = \sqrt{k_w/M_w}/2\pi` where 1 kg
-resonates at 1 kHz, and by up to 10 % where 0.25 kg does. Sampled as the compliance :math:`1/k_w`, which vanishes where
-the wall is rigid, with :math:`f_w` and the damping ratio :math:`\zeta_w`. Assumed: one resonance, along the stack.
+and ball with it. With a resonance :math:`f_w = \sqrt{k_w/M_w}/2\pi` of 1 kHz ranges change by 1-3 % where the wall
+has 1 kg, and by 2-9 % where it has 0.25 kg: on a hard contact most at and below the resonance, on one so soft that the
+ball stays behind, above it. Sampled as the compliance :math:`1/k_w`, which vanishes where the wall is rigid, with
+:math:`f_w` and the damping ratio :math:`\zeta_w`. Assumed: one resonance, along the stack.
 """
 
 from __future__ import annotations
@@ -65,7 +66,8 @@ TERM = Term(
             prior=Tailed(Normal(0.0, 3e-8)),
             description="compliance of the wall behind the stack",
             source="holders of 0.1-2 kg that resonate between 0.5 and 3 kHz have 1e-9 to 1e-7 m/N (an estimate: M6"
-            " bolts and steel blocks; no source read). At 1e-5 m/N the wall is softer than the ball's contact",
+            " bolts and steel blocks; no source read). At 1e-5 m/N 0.1 kg would resonate at 160 Hz, which is"
+            " no holder any more",
             neutral=0.0,
         ),
         Parameter(
@@ -88,8 +90,8 @@ TERM = Term(
         ),
     ),
     symptom=Symptom(
-        "every sweep of frequency is lowered by some per cent, most near the wall's resonance and above it, and may be"
-        " raised a little below, at the same place for every voltage",
+        "every sweep of frequency is lowered by some per cent: on a hard contact most at and below the wall's"
+        " resonance, on a soft one above it, where it may be raised a little below; the same for every voltage",
         sign=0,
         frequency="mixed",
         amplitude="flat",

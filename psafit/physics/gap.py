@@ -41,7 +41,7 @@ TERM = Term(
     equation=r"d = x_1 - x_2 - g_0",
     description=__doc__ or "",
     probability=0.05,
-    because="the study has the ball contacting exactly; placed by hand, within a micrometre",
+    because="a ball is meant to touch; placed by hand, it clears the tip by a micrometre or so now and then",
     parameters=(
         Parameter(
             name="gap_width",

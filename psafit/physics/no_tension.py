@@ -41,7 +41,7 @@ TERM = Term(
     equation=r"F_c \to (1 - s) F_c \text{ where } F_c < 0,\ d \ge 0",
     description=__doc__ or "",
     probability=0.9,
-    because="a dry contact does not pull; the study describes none but a dry one",
+    because="a dry contact does not pull; whoever glues or wets one says so",
     parameters=(
         Parameter(
             name="no_tension_s",

@@ -55,12 +55,12 @@ TERM = Term(
             name="preload_offset",
             symbol="x_0",
             unit="m",
-            bounds=Bounds(0.0, 0.045),
+            bounds=Bounds(0.0, 0.5),
             prior=Tailed(Normal(0.0, 4e-3)),
             description="distance of the pendulum's equilibrium behind the ball's place of rest",
             source="whoever wants contact at every launch sets the frame some millimetres in; 4 mm is 2.5 degrees of a"
-            " 90 mm string (an estimate; a micrometre stage sets 10 um). 45 mm is a string at 30 degrees, which is no"
-            " pendulum any more",
+            " 90 mm string (an estimate; a micrometre stage sets 10 um). A string at 30 degrees, which has half of"
+            " its length, is no pendulum any more: that of a rig is the bound there; 0.5 m is that of a metre",
             neutral=0.0,
         ),
     ),

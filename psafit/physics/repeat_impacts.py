@@ -38,7 +38,7 @@ TERM = Term(
     equation=r"\text{first hop within } N_\mathrm{cyc}/f",
     description=__doc__ or "",
     probability=0.8,
-    because="a generator runs on unless it is set otherwise, and the study mentions no burst",
+    because="a generator runs on unless it is set otherwise, and whoever sets a burst says so",
     parameters=(
         Parameter(
             name="repeat_cycles",

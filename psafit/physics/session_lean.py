@@ -45,16 +45,16 @@ TERM = Term(
     equation=r"x_{0g} = x_0 e^{s z_g}, \quad z_g \sim \mathcal{N}(0, 1)",
     description=__doc__ or "",
     probability=0.04,
-    because="of balls that lean, a third are hung anew between sessions",
+    because="of balls that lean, a quarter are hung anew between sessions (an estimate)",
     parameters=(
         Parameter(
             name="session_lean_offset",
             symbol="x_0",
             unit="m",
-            bounds=Bounds(0.0, 0.045),
+            bounds=Bounds(0.0, 0.5),
             prior=Tailed(Normal(0.0, 4e-3)),
             description="middle of the sessions' leans",
-            source="as of the lean of `preload`: 4 mm is 2.5 degrees of a 90 mm string (an estimate)",
+            source="as of the lean of `preload`, and its bounds: 4 mm is 2.5 degrees of a 90 mm string (an estimate)",
             neutral=0.0,
         ),
         Parameter(

@@ -48,7 +48,7 @@ TERM = Term(
     equation=r"M \ddot x_2 = F_c - w M a_s \operatorname{sgn} \dot x_2, \quad a_s = \mu N/M",
     description=__doc__ or "",
     probability=0.03,
-    because="the study hangs the ball on a string; that something beneath carries it would be said",
+    because="a ball hangs on a string; that something beneath carries it would be seen",
     parameters=(
         Parameter(
             name="sliding_support_a",

@@ -46,11 +46,12 @@ TERM = Term(
             name="start_phase_phi",
             symbol=r"\phi_0",
             unit="rad",
-            bounds=Bounds(-math.pi / 2, math.pi / 2),
+            bounds=Bounds(-math.pi, math.pi),
             prior=Tailed(Normal(0.0, 0.3)),
             description="phase at which the sine starts",
             source="generators in burst mode start at a set phase, 0 by default; output filters and trigger delays of"
-            " some 10 us turn a 1 kHz sine by 0.1 rad; a free-running generator would start anywhere",
+            " some 10 us turn a 1 kHz sine by 0.1 rad; a free-running generator would start anywhere, so that"
+            " no phase is excluded",
             neutral=0.0,
         ),
     ),

@@ -119,11 +119,11 @@ def rig_of(
 
 
 def path_of(terms: Sequence[Term]) -> str:
-    """Say which path a model takes, for any of its parameters that are not neutral."""
+    """Say which path a model takes at plausible values."""
     probe = Setup.of(_ANY_RIG, np.ones((1, 3)))
     for term in terms:
         if term.setup:
-            values = [p.bounds.upper if p.neutral != p.bounds.upper else p.bounds.lower for p in term.parameters]
+            values = [float(p.to_physical(p.prior_quantile(np.array(0.9)))) for p in term.parameters]
             probe = term.setup(probe, np.array([[*values, *([0.0] if term.latent else [])]]))
     return "stepper" if any(t.stepped for t in terms) or _needs_steps(probe)[0] else "closed form"
 

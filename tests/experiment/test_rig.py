@@ -80,6 +80,7 @@ def test_priors_follow_from_a_rig(tmp_path: Path) -> None:
     assert isinstance(lag, Tailed) and lag.middle == pytest.approx((75e-6, np.hypot(0.25 * 75e-6, 2e-6)))
     assert known["anchored_voltage"].prior.describe() == f"log-normal, median 150, factor 1.1 for one sd{tail}"
     assert known["preload_offset"].source.startswith("2.5 degrees of a string of 90 mm")
+    assert known["preload_offset"].bounds.upper == pytest.approx(0.045)  # half of the string
     odds = {t.id: t.probability for t in problem.terms}
     usual = {t.id: t.probability for t in causes}
     assert odds == usual | {"amplifier_lag": 0.95, "anchored_stroke": 0.7}

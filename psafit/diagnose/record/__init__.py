@@ -33,6 +33,7 @@ from psafit.diagnose.record.models import (
     ModelShown,
     ParameterResult,
     ScreeningResult,
+    ScreeningWord,
 )
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.trials import Calibration, VerdictWord, Why, stands
@@ -70,6 +71,7 @@ __all__ = [
     "ParameterResult",
     "Reading",
     "ScreeningResult",
+    "ScreeningWord",
     "Tests",
     "Where",
     "is_diagnosis",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Final, Literal
 
 from psafit.diagnose.record.misfit import Condition
 from psafit.diagnose.show import Corner, Drift, Growth, Line
@@ -132,19 +132,33 @@ class Counted:
     moved: dict[str, ParameterResult]
 
 
-NOT_EXCLUDED = "not excluded"
+ScreeningWord = Literal[
+    "present",
+    "in the best extension",
+    "as good",
+    "among the next best",
+    "explains part alone",
+    "not present",
+    "not excluded",
+    "could not have been seen",
+    "does not act on what was read",
+]
+"""What the whole model set says of one cause."""
+
+
+NOT_EXCLUDED: Final = "not excluded"
 """What is said of a cause that does not show, where the readings leave it more than would be seen."""
 
 
-UNSEEN = "could not have been seen"
+UNSEEN: Final = "could not have been seen"
 """What is said of a cause of which even a plausible strength would not show."""
 
 
-NEAREST = "in the best extension"
+NEAREST: Final = "in the best extension"
 """What is said of a cause by which readings that no cause explains are explained best."""
 
 
-NEXT_BEST = "among the next best"
+NEXT_BEST: Final = "among the next best"
 """What is said of a cause of the sets that come next, where no set explains the readings."""
 
 
@@ -184,7 +198,7 @@ class ScreeningResult:
     """
 
     id: str
-    verdict: str
+    verdict: ScreeningWord
     gain: float
     refit_gain: float
     chance: float
