@@ -406,7 +406,7 @@ def test_what_headings_of_launches_name_is_not_overridden(tmp_path: Path) -> Non
 def test_an_error_at_one_condition_is_not_that_of_others(tmp_path: Path) -> None:
     content = "f (Hz);Range at 10 Vp (um);Range at 20 Vp (um);sigma at 10 Vp (um)\n1000;12;31;0.1\n"
     asked = refused(tmp_path, content, columns=(mapped("sigma at 10 Vp (um)=sigma_um"),))
-    assert "is sigma_um at one condition, and would count for the whole row" in asked
+    assert "is sigma_um of some readings, and would count for others" in asked
     (table,) = tables(tmp_path, content, columns=tuple(proposed(asked)))
     assert table.groups[0].sigma is None
 

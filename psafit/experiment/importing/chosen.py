@@ -71,7 +71,7 @@ class Column:
     @property
     def at(self) -> tuple[Condition, ...]:
         """Conditions of what was read that its heading names."""
-        return self.heading.at if role(self.column) in READ else ()
+        return self.heading.conditions if role(self.column) in READ else ()
 
     @property
     def title(self) -> str:

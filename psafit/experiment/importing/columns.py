@@ -90,8 +90,10 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
         faults.end()
     _check_one_table(grid, head, chosen, faults)
     faults.end()
-    for column in dict.fromkeys(c.column for c in chosen.columns):
+    for column in dict.fromkeys(c.column for c in chosen.columns if c.column not in ERROR_OF):
         _check_several(grid, head, chosen.of(column), faults)
+    _check_errors(grid, head, chosen, faults)
+    _check_numbers(grid, head, chosen, faults)
     _check_unread(grid, head, chosen, faults)
     check_matters(grid, head, chosen, options, faults)
     _check_bare(grid, head, chosen, faults)
@@ -211,19 +213,44 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Fa
     first = columns[0]
     if len({bool(c.at) for c in columns}) > 1:  # what is missing in a heading is said elsewhere
         return
-    if role(first.column) == "error" and (some := [c for c in columns if c.heading.at]):
-        what = f"column {some[0].name} is {first.column} at one condition, and would count for the whole row"
-        remedy = f"say {option(some[0].option, IGNORED)}, or give what was read at each condition rows of its own"
-        faults.add(fault(grid, head, what, remedy))
-        return
     if len(columns) == 1 or (role(first.column) in READ and (first.mapped or _repeated(columns))):
         return
     what = f"columns {listed(c.name for c in columns)} could all be {first.column}"
     remedy = f"say which: {option(columns[-1].option, first.column)}"
+    if role(first.column) in READ:
+        remedy = f"{remedy}; of repetitions each"
     apart = (
         "if each is of a trace of its own, save each with its trace in a file; else " if first.column == TIME else ""
     )
     faults.add(fault(grid, head, what, f"{apart}{remedy}"))
+
+
+def _check_errors(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
+    """A known error counts for all readings of a row, or each reading has one of its number and its condition."""
+    for name, read in ((name, chosen.of(of)) for name, of in ERROR_OF.items() if chosen.of(name)):
+        errors = chosen.of(name)
+        which, of_read = ([(c.heading.number, c.heading.at) for c in same] for same in (errors, read))
+        plain = all(same == (None, ()) for same in which)
+        if (
+            which == of_read
+            or (plain and len(which) in (1, len(read)))
+            or (len(which) == len(read) == 1 and not which[0][1])
+        ):
+            continue
+        are = f"column {errors[0].name} is" if len(errors) == 1 else f"columns {listed(c.name for c in errors)} are"
+        what = f"{are} {name} of some readings, and would count for others"
+        remedy = f"say {' '.join(dict.fromkeys(option(c.option, IGNORED) for c in errors))}"
+        remedy = f"{remedy}, or give {listed(c.name for c in read)} one each, with its number or condition"
+        faults.add(fault(grid, head, what, f"{remedy}, in the same order"))
+
+
+def _check_numbers(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
+    """Columns that the user names may differ by conditions among words that psafit does not know."""
+    unread = [c for c in chosen.columns if role(c.column) in READ and c.heading.at != c.at]
+    if len({c.heading.at for c in unread}) > 1:
+        what = f"{listed(c.name for c in unread)} name numbers that may be conditions, or something else"
+        remedy = f"write conditions as in Range 1.2 kHz 40 Vpp (um), or say {option(unread[-1].option, IGNORED)}"
+        faults.add(fault(grid, head, what, remedy))
 
 
 def _check_one_table(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
@@ -240,12 +267,13 @@ def _check_one_table(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> 
 
 
 def _repeated(columns: Sequence[Column]) -> bool:
-    """Whether columns have one name, or one but for numbers from 0 or 1."""
+    """Whether columns have one name, or one but for numbers from 0 or 1 that are of no part of the rig."""
     same_name = len({c.heading.name for c in columns}) == 1
     same = len({c.heading.text for c in columns}) == 1
     if all(c.at for c in columns) and len({(c.heading.bare, c.at) for c in columns}) == len(columns):
         return same_name
     numbers = sorted(-1 if c.heading.number is None else c.heading.number for c in columns)
+    same_name = same_name and not any(c.heading.numbers_a_part for c in columns)
     return same_name and (same or numbers in ([k + first for k in range(len(columns))] for first in (0, 1)))
 
 

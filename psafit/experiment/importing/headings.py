@@ -103,6 +103,20 @@ class Heading:
         )
 
     @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """The conditions that it names, if the rest of it is understood: ``Laser, filter 10 kHz`` may name none."""
+        rest = heading(self.bare)
+        said = {word.rstrip("0123456789") for word in rest.name.split()} - {""}
+        understood = said <= CHANNELS | NEUTRAL | GENERIC | PARTS["ball"] | PARTS["tip"]
+        called = any(rest.would_be(q) for q in QUANTITIES if q.role in ("reading", "trace"))
+        return self.at if not rest.altered and (understood or called) else ()
+
+    @property
+    def numbers_a_part(self) -> bool:
+        """Whether its number is that of a part of the rig, not of a repetition: ``Range ball 2``."""
+        return self.number is not None and self.name.rpartition(" ")[2] in set().union(*PARTS.values())
+
+    @property
     def is_waveform(self) -> bool:
         """Whether waveforms stand in the column."""
         return self.name in WAVEFORM_NAMES and self.unit is None

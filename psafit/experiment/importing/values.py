@@ -78,6 +78,7 @@ def readings(
     faults = RowFaults(grid.file)
     held, settings, read_columns = chosen.held(options), chosen.settings(options), chosen.readings
     found, times = [], _together(chosen)
+    repeated = {c for time in times for c in time}
     for row in body.rows:
         before = faults.count
         drive = options.drive_of(_waveform(row, chosen, waveform, options, faults), settings)
@@ -89,15 +90,16 @@ def readings(
         if faults.count == before and not repetitions:
             what, remedy = "is empty", "enter the value, or delete the row if nothing was read"
             faults.add(read_columns[0], what, remedy, row.line)
-        others = {c.column: v for c, v in values.items() if c.column not in read_columns and v is not None}
-        for c in values:
-            if c.column not in others and ERROR_OF.get(c.column) in {r.column for read in repetitions for r in read}:
-                faults.add(c.column, "is empty", "enter the known error of the reading, or ignore the column", row.line)
+        others = {c.column: v for c, v in values.items() if c not in repeated and v is not None}
+        known_in = [{c.column for c in read} | others.keys() for read in repetitions]
+        for name in dict.fromkeys(c.column for c in values if c.column in ERROR_OF):
+            if any(ERROR_OF[name] in there and name not in there for there in known_in):
+                faults.add(name, "is empty", "enter the known error of the reading, or ignore the column", row.line)
         for read in repetitions if faults.count == before else ():
             known = _held(held, drive, options) | others
             known |= {c.column: v for c, v in read.items() if v is not None}
             first = next(iter(read))
-            known = _named(grid, head, first, drive, options) | known if first.heading.at else known
+            known = _named(grid, head, first, drive, options) | known
             found.append(Reading(row.line, drive, label, tuple(known.items()), first.place if chosen.traced else 0))
             for c, v in read.items():
                 if v is not None and v < 0 and not chosen.traced:
@@ -167,7 +169,7 @@ def _named(grid: Grid, head: Head, column: Column, drive: Drive, options: Option
 
 
 def _together(chosen: Chosen) -> list[list[Column]]:
-    """The columns that were read together, time after time. Each column of a trace is one.
+    """The columns that were read together, time after time, with a known error of each. Each column of a trace is one.
 
     Columns whose headings name other conditions were not read together.
     """
@@ -176,7 +178,10 @@ def _together(chosen: Chosen) -> list[list[Column]]:
         return [[c] for same in columns for c in same]
     conditions = dict.fromkeys(c.at for same in columns for c in same)
     together = (zip_longest(*([c for c in same if c.at == at] for same in columns)) for at in conditions)
-    return [list(filter(None, time)) for each in together for time in each]
+    errors = {name: chosen.of(name) for name in ERROR_OF if len(chosen.of(name)) > 1}
+    error = {c: e for name, same in errors.items() for c, e in zip(chosen.of(ERROR_OF[name]), same, strict=True)}
+    times = (list(filter(None, time)) for each in together for time in each)
+    return [[*time, *(error[c] for c in time if c in error)] for time in times]
 
 
 def _repetitions(
@@ -187,7 +192,8 @@ def _repetitions(
     The drive that was recorded next to a trace was read where the trace was not, too.
     """
     every = [{c: values[c] for c in time} for time in times]
-    read = [found for time in every if (found := {c: v for c, v in time.items() if v is not None})]
+    read = [{c: v for c, v in time.items() if v is not None} for time in every]
+    read = [time for time in read if any(c.column not in ERROR_OF for c in time)]
     return every if read and chosen.traced and chosen.of(VOLTAGE) else [dict(time) for time in read]
 
 
