@@ -30,6 +30,7 @@ from psafit.experiment.importing.layout import (
     body,
     clocked,
     find_head,
+    named_waveform,
     names,
     number_rows,
     waveform_places,
@@ -290,7 +291,7 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     grid, head, options = with_counts(grid, head, options)
     chosen = choose(grid, head, options)
     shape = _shape(grid, head, chosen, waveform, options)
-    rows = body(grid, head, [c.place for c in chosen.columns], options.most_rows)
+    rows = body(grid, head, [c.place for c in chosen.columns], options)
     read, decimal = readings(grid, head, chosen, rows, options, shape)
     sampled = from_start(grid, read, options) if chosen.traced else None
     found = [r for t in sampled.traces for r in t.samples] if sampled else read
@@ -367,8 +368,15 @@ def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options)
     if given == TABLE and not recorded and not options.drive:
         what, remedy = "no column is a recorded drive", f"say --drive FILE, or of a trace {option('CH1', VOLTAGE, 'V')}"
         raise InputError(what, remedy, file=grid.file, line=line)
+    for c in chosen.columns if not recorded and given != TABLE else ():
+        if c.column in COLUMNS and (said := named_waveform(c.heading)) and said != given:
+            what = f"column {c.name} is of a {said} by its heading, and the waveform is {given or 'another'}"
+            remedy = f"say --waveform {said}, or {option(c.option, IGNORED)}, and give each waveform a file of its own"
+            raise InputError(what, remedy, file=grid.file, line=line)
     if not (recorded or column or given):
         remedy = f"say --waveform NAME, of {listed(NAMES)}; of several tables --waveform sine,square"
+        if chosen.traced:
+            remedy = f"{remedy}; of a drive that was recorded {option('NAME', VOLTAGE, 'V')}"
         raise InputError("nothing says which waveform of the drive", remedy, file=grid.file)
     return TABLE if recorded else given
 

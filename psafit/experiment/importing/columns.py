@@ -28,7 +28,7 @@ from psafit.experiment.importing.chosen import (
     role,
 )
 from psafit.experiment.importing.grid import Grid
-from psafit.experiment.importing.layout import Head, names, waveform_places
+from psafit.experiment.importing.layout import Head, counts_rows, names, waveform_places
 from psafit.experiment.importing.matters import check_matters
 from psafit.experiment.importing.numerals import is_number, likeliest
 from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, missing_conditions, voltages
@@ -187,8 +187,7 @@ def _check_unnamed(grid: Grid, head: Head, found: Iterable[Column], faults: Faul
         filled = cells(grid, head, column.place)
         if column.heading.text or column.mapped or not head.line or not any(map(is_number, filled)):
             continue
-        texts = [str(cell) for cell in filled]
-        if column.place == 0 and texts in ([str(k + start) for k in range(len(texts))] for start in (0, 1)):
+        if column.place == 0 and counts_rows([str(cell) for cell in filled]):
             continue
         number = str(column.place + 1)
         what = f"column {number} holds numbers and has no heading"
@@ -439,7 +438,7 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
         faults.add(fault(grid, head, what, f"say {option(column.option, column.column, target)}, or what it is in"))
     elif alien:
         faults.add(fault(grid, head, f"column {column.name} {_unread(alien, column.column)}", _how(column, alien)))
-    elif not unit and not own:
+    elif not unit and not own and (numbers or not cells(grid, head, column.place)):
         other = {"Hz": "kHz", "V": "mV", "um": "mm", "us": "ms", "mm/s": "m/s", "N": "mN", "deg": "rad"}[target]
         what = f"column {column.name} gives no unit"
         if column.column == "amplitude_v" and not (column.heading.counts or options.volts):

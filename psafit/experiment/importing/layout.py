@@ -85,6 +85,17 @@ def waveform(text: str) -> str:
     return _WAVEFORMS.get(words(text), "")
 
 
+def named_waveform(named: Heading) -> str:
+    """Psafit's waveform that a heading names among other words; empty where it names none."""
+    found = [name for name in _WAVEFORMS if f" {name} " in f" {named.name} "]
+    return _WAVEFORMS[max(found, key=len)] if found else ""
+
+
+def counts_rows(texts: Sequence[str]) -> bool:
+    """Whether texts number their rows, from 0 or 1."""
+    return list(texts) in ([str(k + first) for k in range(len(texts))] for first in (0, 1))
+
+
 def is_comment(text: str) -> bool:
     """Whether a row that begins with this text is a comment."""
     return text.startswith(COMMENTS) and text.upper() not in CELL_ERRORS
@@ -112,7 +123,12 @@ def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_li
         same = Counter(texts)
         headings = tuple(replace(heading(text), repeats=same[text] > 1) if text else heading("") for text in texts)
         units, first = _units(grid, headings, index + 1, options)
+        if not any(units) and not (best and any(best[1].units) and best[1].first == index):  # of other headings
+            units = _units_above(grid, len(headings), index - 1)
+        below = next((r for r in grid.rows[first:] if not r.is_blank and not is_comment(r.texts[0])), None)
         mapped = {place: m.column for m in options.columns for place in names(m, headings)}
+        if below is None or not (_holds(below, options) or _by_name(options)):
+            mapped = {}  # columns of numbers are not below
         others = [(h, u) for k, (h, u) in enumerate(zip(headings, units, strict=True)) if k not in mapped]
         known = {could[0].column for h, u in others if (could := replace(h, altered="").over_time(u))}
         known |= {kind for h, u in others if (kind := _kind(h, u)) in of_unit}
@@ -120,8 +136,7 @@ def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_li
             if begun or not known:
                 continue
             begun = True
-        known |= set(mapped.values())
-        below = next((r for r in grid.rows[first:] if not r.is_blank and not is_comment(r.texts[0])), None)
+        known |= {f"{place} {column}" for place, column in mapped.items()}
         score = len(known), sum(map(is_number, below.cells)) if below else 0
         if known and (best is None or score > best[0]):
             best = score, Head(row.line, headings, units, first, len(known))
@@ -134,6 +149,12 @@ def _holds(row: Row, options: Options) -> bool:
     """Whether a row holds a number in each column that the user names by its number."""
     places = [int(m.heading) - 1 for m in _used(options) if m.heading.isascii() and m.heading.isdigit()]
     return bool(places) and all(0 <= p < len(row.cells) and is_number(row.cells[p]) for p in places)
+
+
+def _by_name(options: Options) -> bool:
+    """Whether the user names some column by its heading, or none."""
+    named = _used(options)
+    return not named or any(not (m.heading.isascii() and m.heading.isdigit()) for m in named)
 
 
 def _used(options: Options) -> list[Mapping]:
@@ -149,7 +170,7 @@ def _kind(named: Heading, below: Unit | None) -> str:
 def _without_headings(grid: Grid, options: Options) -> Head | None:
     """A table whose columns are all named by the user, by their numbers."""
     named = _used(options)
-    if any(not (m.heading.isascii() and m.heading.isdigit()) for m in named):
+    if not named or _by_name(options):
         return None
     for index, row in enumerate(grid.rows):
         if _holds(row, options):
@@ -188,6 +209,14 @@ def _units(
             return none, first
         return (*found, *none)[: len(headings)], index + 1
     return none, first
+
+
+def _units_above(grid: Grid, n: int, index: int) -> tuple[Unit | None, ...]:
+    """The units of a row, for so many headings; none where it has another word."""
+    texts = _uncommented(grid.rows[index], grid.separator in BLANKS) if index >= 0 else ()
+    found = [unit(text) or foreign(text) for text in texts]
+    whole = len(texts) <= n and all(said or not text for said, text in zip(found, texts, strict=True))
+    return (*(found if whole else ()), *(None,) * n)[:n]
 
 
 def number_rows(grid: Grid, least: int = 2) -> list[Row]:
@@ -253,7 +282,7 @@ class Body:
     left_out: tuple[tuple[int, str], ...]
 
 
-def body(grid: Grid, head: Head, needed: Sequence[int], most_rows: int) -> Body:
+def body(grid: Grid, head: Head, needed: Sequence[int], options: Options) -> Body:
     """Separate readings from comments, footers and the like.
 
     Parameters
@@ -262,7 +291,7 @@ def body(grid: Grid, head: Head, needed: Sequence[int], most_rows: int) -> Body:
     head : Head
     needed : sequence of int
         Columns that hold something that is used.
-    most_rows : int
+    options : Options
 
     Raises
     ------
@@ -271,6 +300,7 @@ def body(grid: Grid, head: Head, needed: Sequence[int], most_rows: int) -> Body:
     """
     faults, rows, left_out = Faults(), [], []
     text_rows: list[tuple[int, str]] = []
+    refusals: dict[tuple[str, str], list[int]] = {}
     again = tuple(h.text for h in head.headings)
 
     def fault(what: str, remedy: str, line: int) -> None:
@@ -295,12 +325,14 @@ def body(grid: Grid, head: Head, needed: Sequence[int], most_rows: int) -> Body:
         if not any(char.isalnum() for text in texts for char in text):  # a rule
             left_out.append((row.line, " ".join(filter(None, texts))))
         elif refused := _no_reading(grid, head, texts):
-            fault(*refused, row.line)
+            refusals.setdefault(refused, []).append(row.line)
         else:
             rows.append(row)
-        if len(rows) > most_rows:
-            fault(f"more than {most_rows} rows", "split the file", row.line)
+        if len(rows) > options.most_rows:
+            fault(f"more than {options.most_rows} rows", "split the file", row.line)
             break
+    for (what, remedy), lines in refusals.items():
+        fault(f"{what}, as in {len(lines)} rows" if len(lines) > 1 else what, remedy, lines[0])
     wordy = [row for row in rows if head.line and not any(map(is_number, row.cells))]
     if wordy and len(wordy) < len(rows):
         others = f", nor do {len(wordy) - 1} others" if len(wordy) > 1 else ""
@@ -309,19 +341,21 @@ def body(grid: Grid, head: Head, needed: Sequence[int], most_rows: int) -> Body:
             what, "put # before a remark, give another table a file of its own, or correct the numbers", wordy[0].line
         )
     faults.end()
-    n = _in_rows(grid, head)
+    n = _in_rows(grid, head, options)
     if rows and head.line and not grid.sheet and (widest := max(row.width for row in rows)) < n:
-        fault(f"{len(again)} headings, and no row of more than {widest} cells", "give each column a heading", head.line)
+        remedy = f"give each column one heading, or say --column {shlex.quote(f'{again[-1]}={IGNORED}')}"
+        fault(f"{len(again)} headings, and no row of more than {widest} cells", remedy, head.line)
         faults.end()
     if not rows:
         raise InputError("no readings below the headings", "add them", file=grid.file, line=head.line or None)
     return Body(tuple(rows), (*left_out, *text_rows))
 
 
-def _in_rows(grid: Grid, head: Head) -> int:
-    """The number of headings, less those at the end below which the row of units holds a number, once for all rows."""
+def _in_rows(grid: Grid, head: Head, options: Options) -> int:
+    """The number of headings, less those at the end that the user ignores, or whose number is in the row of units."""
     n, once = len(head.headings), grid.rows[head.first - 1].cells if any(head.units) else ()
-    while 0 < n <= len(once) and is_number(once[n - 1]):
+    ignored = {k for m in options.columns if m.column == IGNORED for k in names(m, head.headings)}
+    while n - 1 in ignored or (0 < n <= len(once) and is_number(once[n - 1])):
         n -= 1
     return n
 

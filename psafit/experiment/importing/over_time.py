@@ -31,8 +31,8 @@ from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.trace_table import TIME, TRACES
 
-# A time of the day, of itself or behind a date.
-_OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?")
+OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?")
+"""A time of the day, of itself or behind a date."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def clock(
     """
     for column in columns:
         below = cells(grid, head, column.place)
-        days = [found for cell in below if (found := _OF_DAY.search(str(cell)))]
+        days = [found for cell in below if (found := OF_DAY.search(str(cell)))]
         notation, unit = likeliest(below), head.unit(column.place)
         if len(days) == len(below) and of_day:
             times = [3600 * int(d[1]) + 60 * int(d[2]) + float((d[3] or "0").replace(",", ".")) for d in days]

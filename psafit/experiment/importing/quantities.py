@@ -194,6 +194,10 @@ STEPS = dict.fromkeys(
     ),
     "Hz",
 )  # fmt: skip
+# What a header calls the thinning of samples: whether a step is from before or after is not said.
+THINNED = {
+    "decimation", "decimation factor", "decimation ratio", "downsampling", "downsampling factor", "down sampling",
+}  # fmt: skip
 CLOCK_UNITS = {"horizontal unit", "horizontal units", "x unit", "x units", "time unit", "time units"}
 # First cell of a row that sums up others.
 SUMMARIES = {

@@ -44,7 +44,7 @@ def recorded(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Drive:
     InputError
         Where time or voltage cannot be read, or do not reach over the period.
     """
-    rows = body(grid, head, [c.place for c in chosen.columns], options.most_rows)
+    rows = body(grid, head, [c.place for c in chosen.columns], options)
     found, _ = readings(grid, head, chosen, rows, options, TABLE)
     early(grid, found, options)
     start, period = options.start_us or 0.0, options.period_us

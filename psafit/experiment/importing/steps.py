@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from decimal import Decimal
@@ -21,11 +22,11 @@ from psafit.experiment.importing.chosen import (
 )
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
-from psafit.experiment.importing.layout import Head, body, names
+from psafit.experiment.importing.layout import Head, body, counts_rows, names
 from psafit.experiment.importing.numerals import NOTATIONS, is_number
 from psafit.experiment.importing.over_time import clock
-from psafit.experiment.importing.quantities import BLANKS, CLOCK_UNITS, COLUMNS, COMMENTS, STEPS, Quantity
-from psafit.experiment.importing.records import Mapping, Options
+from psafit.experiment.importing.quantities import BLANKS, CLOCK_UNITS, COLUMNS, COMMENTS, STEPS, THINNED, Quantity
+from psafit.experiment.importing.records import IGNORED, Mapping, Options
 from psafit.experiment.importing.units import Unit, spacing, unit
 from psafit.experiment.text import listed, shown
 from psafit.experiment.trace_table import TIME
@@ -34,6 +35,7 @@ STEP = "--step"
 """What a column of counts is called, where that option gives the step."""
 # A name and what is said of it; a number and its unit. Cells are joined by "=".
 _SAYS = re.compile(r"\s*[=:;,|]\s*|\s+(?=[+.]?\d)")
+_WHOLE = re.compile(r"[+-]?\d{1,18}", re.ASCII)
 _VALUE = re.compile(r"\+?([\d.,]*\d(?:[eE][+-]?\d+)?)[\s=;,|]*(\D.*)?", re.ASCII)
 
 
@@ -58,11 +60,12 @@ def with_counts(grid: Grid, head: Head, options: Options, *, recording: bool = F
     places = _recorded(head, could) if recording else _moving(grid, head, options, could)
     if not places:
         return grid, head, options
-    name, step = (STEP, options.step_us) if options.step_us else _stated(grid, head, places)
+    name, step = (STEP, options.step_us) if options.step_us else _stated(grid, head, places, options)
     if options.start_us is None:
         what = "the samples have no times, and nothing says when the drive starts"
         raise fault(grid, head, what, "say --start 0 if with the first of them, or how much later: --start 1.5:ms")
-    rows = body(grid, head, places, options.most_rows).rows
+    rows = body(grid, head, places, options).rows
+    _check_counter(grid, head, rows, [k for k, each in enumerate(could) if not each], options, step)
     for above, below in pairwise(rows):
         if below.line != above.line + 1:
             what, remedy = "no sample stands here, between others without times", "delete the line if none is missing"
@@ -79,6 +82,25 @@ def with_counts(grid: Grid, head: Head, options: Options, *, recording: bool = F
         replace(head, headings=headings, units=(*head.units, None)),
         replace(options, columns=columns),
     )
+
+
+def _check_counter(
+    grid: Grid, head: Head, rows: Sequence[Row], others: Sequence[int], options: Options, step: Decimal
+) -> None:
+    """A column that counts samples counts the rows: where it does not, rows are missing, or are of other steps."""
+    said = {place for m in options.columns for place in names(m, head.headings)}
+    for place in (k for k in others if k not in said and head.unit(k) is None):
+        texts = [row.texts[place] if place < len(row.texts) else "" for row in rows]
+        if len(texts) < 2 or counts_rows(texts) or not all(map(_WHOLE.fullmatch, texts)):
+            continue
+        ((usual, n),) = Counter(int(b) - int(a) for a, b in pairwise(texts)).most_common(1)
+        if usual > 0 and 2 * n > len(texts):
+            column = Column(place, head.headings[place], "")
+            what = f"column {column.name} counts from {texts[0]} to {texts[-1]}, and there are {len(texts)} samples"
+            alone = " without --step" if options.step_us else ""
+            remedy = f"say {option(column.option, TIME, f'{step:f}us')}{alone}, if {step:f} us is a step of that count"
+            remedy = f"{remedy}, or {option(column.option, IGNORED)} if it is from row to row"
+            raise InputError(what, remedy, file=grid.file, line=rows[0].line)
 
 
 def _could(grid: Grid, head: Head, options: Options) -> list[list[Quantity]]:
@@ -119,7 +141,8 @@ def _moving(grid: Grid, head: Head, options: Options, could: Sequence[Sequence[Q
         others = [Column(k, h, "") for k, h in enumerate(head.headings) if k not in said and k not in motions]
         found = clock(grid, head, others, options)
         stated = list(_lines(grid, head))
-        steps = {step: f"say --step {step:f}:us, as line {line} says" for line, _, step in stated if step}
+        clear = all(step for _, _, step in stated)
+        steps = {step: f"say --step {step:f}:us, as line {line} says" for line, _, step in stated if step and clear}
         unclear = f"say the step that line {stated[0][0]} gives, with its unit: --step NUMBER:us" if stated else ""
         remedy = (found and found[1]) or " or ".join(steps.values()) or unclear or "say its step, such as --step 1:us"
         raise fault(grid, head, what, f"{remedy.rstrip(',')}, or {option(column.option, launch)}")
@@ -134,7 +157,7 @@ def _recorded(head: Head, could: Sequence[Sequence[Quantity]]) -> list[int]:
     return [] if known & {TIME, "frequency_hz"} else said or [k for k, u in enumerate(units) if u and u.kind == "V"]
 
 
-def _stated(grid: Grid, head: Head, places: Sequence[int]) -> tuple[str, Decimal]:
+def _stated(grid: Grid, head: Head, places: Sequence[int], options: Options) -> tuple[str, Decimal]:
     """The line above the samples that says their step, and that step, us.
 
     Raises
@@ -143,13 +166,17 @@ def _stated(grid: Grid, head: Head, places: Sequence[int]) -> tuple[str, Decimal
         Where there is none, or several say different ones.
     """
     said = list(_lines(grid, head))
-    near = nearest((Column(k, h, "") for k, h in enumerate(head.headings) if k not in places), head, TIME)
+    others = [Column(k, h, "") for k, h in enumerate(head.headings) if k not in places]
+    near = nearest(others, head, TIME)
     if not near and len({step for _, _, step in said}) == 1 and (step := said[0][2]):
         return said[0][1], step
     what = f"samples, and no {TIME} among {all_headings(head) or 'the columns'}"
+    found = clock(grid, head, others, options)
     remedy = f"say {option(near.option if near else 'NAME', TIME, '' if near else 'us')}"
     if near:
         remedy = f"{remedy}, {AS_IT_STANDS}"
+    elif found:
+        remedy = f"{found[1]}, or of equal steps say --step 1:us"
     else:
         remedy = f"say their step, --step 1:us, or their rate, --step 1:MHz; of a time that is there {remedy[4:]}"
     if said and not near:
@@ -162,10 +189,12 @@ def _lines(grid: Grid, head: Head) -> Iterator[tuple[int, str, Decimal | None]]:
     """Line, text and step, us, where a line above the samples speaks of it; None where that is not clear."""
     clocks = _clock_units(grid, head)
     for row, named, rest in _above(grid, head):
-        if named.name not in STEPS:
-            continue
         found = _VALUE.fullmatch(rest)
         values = {v for n in NOTATIONS.values() if found and (v := n.value(found[1])) is not None}
+        if named.name in THINNED and values != {Decimal(1)}:
+            yield row.line, " ".join(filter(None, row.texts)), None
+        if named.name not in STEPS:
+            continue
         units = {found[2]} if found and found[2] else {named.unit.text} if named.unit else clocks
         steps = {spacing(v, u, STEPS[named.name]) for v in values for u in units}
         yield row.line, " ".join(filter(None, row.texts)), steps.pop() if len(steps) == 1 else None

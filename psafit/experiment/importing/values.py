@@ -26,6 +26,7 @@ from psafit.experiment.importing.chosen import (
 from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
 from psafit.experiment.importing.layout import Body, Head, waveform
 from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, ambiguous, likeliest
+from psafit.experiment.importing.over_time import OF_DAY
 from psafit.experiment.importing.quantities import COLUMNS, VOLTS, Volts, words
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.table import CellFault, RowFaults, within
@@ -271,7 +272,7 @@ def _value(row: Row, column: Column, notation: Notation, drive: Drive, faults: R
     try:
         number = notation.number(cell)
         if number is None:
-            raise CellFault(*_no_number(cell, text, notation))
+            raise CellFault(*_no_number(cell, text, column, notation))
         value = float(number.value * _factor(number, column, drive, text))
         if column.column == TIME:  # on the clock of the instrument
             return value
@@ -283,10 +284,13 @@ def _value(row: Row, column: Column, notation: Notation, drive: Drive, faults: R
         return None
 
 
-def _no_number(cell: Cell, text: str, notation: Notation) -> tuple[str, str]:
+def _no_number(cell: Cell, text: str, column: Column, notation: Notation) -> tuple[str, str]:
     """What stands in the place of a number, and the remedy."""
     if not text:
         return "is empty", "enter the value, or delete the row if nothing was read"
+    if column.column == TIME and OF_DAY.search(text):
+        remedy = f"give times in seconds, or of equal steps say {option(column.option, IGNORED)} --step 1:us"
+        return f"{shown(text)} is a time of the day", remedy
     if not isinstance(cell, str):
         kind = "a truth value" if isinstance(cell, bool) else f"a {type(cell).__name__}"
         return f"{shown(text)} is no number but {kind}", "spreadsheets turn 1.2 into a date: enter it anew"
