@@ -284,17 +284,22 @@ def _check_motion(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
         what = f"no frequency_hz among {all_headings(head)}: {looks}"
         moving = {q: [c for c in chosen.unused if nearly(c, head, q)] for q in QUANTITIES if q.role == "trace"}
         near = [(c, q) for q, columns in moving.items() for c in columns]
+        others = (c for c in (*chosen.unused, *chosen.of("amplitude_v")) if not c.heading.of_tip)
+        volts = [c.option for c in others if in_volts(c, head)]
         if chosen.not_yet:
             what = f"{what} that psafit reads: {_not_yet(chosen)}"
             remedy = "give the tip's displacement, or a motion of the ball"
-        elif len(near) == 1:
-            ((column, motion),) = near
-            remedy = f"say {option(column.option, motion.column)} if it is that of the {motion.part}"
-        else:
-            others = (c for c in (*chosen.unused, *chosen.of("amplitude_v")) if not c.heading.of_tip)
-            volts = [c.option for c in others if in_volts(c, head)]
-            scale = option(volts[-1] if volts else "NAME", "velocity_mm_s", "5mm/s/V")
+        elif near:
+            remedy = "say " + " or ".join(
+                f"{option(c.option, q.column)} if it is that of the {q.part}" for c, q in near
+            )
+        elif volts:
+            scale = option(volts[-1], "velocity_mm_s", "5mm/s/V")
             remedy = f"say what one volt is, such as {scale} or 2um/V, of displacement_um"
+        else:
+            scale = option("NAME", "velocity_mm_s", "5mm/s/V")
+            remedy = f"say {option('NAME', 'displacement_um', 'um')}, or of a sensor's volts what one is, {scale}"
+            remedy = f"{remedy}; psafit reads no acceleration: integrate it"
         faults.add(fault(grid, head, what, remedy))
 
 

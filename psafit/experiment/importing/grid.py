@@ -139,7 +139,7 @@ def _structured(text: str) -> str:
 def _decoded(raw: bytes, file: Path, encoding: str | None) -> tuple[str, str]:
     from charset_normalizer import from_bytes
 
-    remedy = "name its encoding: --encoding cp850, or save it as UTF-8"
+    remedy = "name its encoding: --encoding cp850, or cp932 of Japanese, or save it as UTF-8"
     if encoding is None:
         best = from_bytes(raw, cp_isolation=_ENCODINGS).best()
         if best is None:

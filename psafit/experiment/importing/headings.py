@@ -254,7 +254,7 @@ def _in_brackets(text: str, instead: str = " ") -> tuple[Unit | None, str]:
 
 def _at_the_end(text: str) -> tuple[Unit | None, str]:
     """The unit without brackets that a heading ends in, or consists of, and what stands before it."""
-    whole = unit(text)
+    whole = unit(text.removeprefix("in "))
     if whole and whole.kind != COUNT and (len(text) > 1 or text == "V"):  # N, m and s have other meanings
         return whole, ""
     for between in _BETWEEN.finditer(text):
@@ -287,7 +287,8 @@ def _counted(name: str, found: Unit | None) -> tuple[str, Volts | None]:
         for phrase in phrases:
             less = _without(phrase, said)
             if less != said and _may_be_volts(less):
-                return less, volts or counted(phrase)
+                said_twice = volts not in (None, counted(phrase))  # "rms voltage (Vpp)"
+                return (name, None) if said_twice else (less, counted(phrase))
     return name, volts
 
 

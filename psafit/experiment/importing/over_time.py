@@ -180,7 +180,8 @@ def check_launches(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
 def voltages(grid: Grid, head: Head, found: Sequence[Column], options: Options, faults: Faults) -> list[Column]:
     """Columns of a trace in which those of volts are `amplitude_v` where constant along each trace, else `voltage_v`.
 
-    That volts over time are those of the drive must be said, by heading or by the user: it may be a sensor.
+    That volts over time are those of the drive must be said, by heading or by the user: they may be of a sensor, or
+    come before an amplifier.
     """
     times = [c for c in found if c.column == TIME]
     unclear = [c for c in found if not c.mapped and _may_be_drive(c, head)]
@@ -189,17 +190,21 @@ def voltages(grid: Grid, head: Head, found: Sequence[Column], options: Options, 
     timed = _timed(grid, head, times[0].place)
     fixed = ["frequency_hz", WAVEFORM, GROUPS]
     held = [c.place for c in found if c.column in fixed or (c.mapped and c.column == "amplitude_v")]
-    is_said = any(c.column == VOLTAGE for c in found)
+    is_said = options.drive_file is not None or any(c.column == VOLTAGE for c in found)
     known: dict[int, Column] = {}
     for column in unclear:
         if _is_constant(timed, held, column.place, options):
-            known[column.place] = replace(column, column="amplitude_v")
+            is_amplitude = column.column or column.heading.drives
+            known[column.place] = replace(column, column="amplitude_v" if is_amplitude else "")
         elif column.heading.drives:
             known[column.place] = replace(column, column=VOLTAGE)
         else:
             known[column.place] = replace(column, column="")
             what = f"column {column.name} changes along a trace: it may be the drive over time, or another signal"
             remedy = f"say {option(column.option, VOLTAGE, 'V')} or {option(column.option, IGNORED)}"
+            if not column.column:  # more is said of it than that it is a voltage
+                remedy = f"say {option(column.option, VOLTAGE, '20V/V')}, if one volt of it is 20 V at the stack, or "
+                remedy = f"{remedy}{option(column.option, IGNORED)}"
             remedy += f"; of launches, {option(times[0].option, IGNORED)}" if not times[0].mapped else ""
             if not is_said:
                 faults.add(fault(grid, head, what, remedy))
@@ -207,7 +212,7 @@ def voltages(grid: Grid, head: Head, found: Sequence[Column], options: Options, 
 
 
 def _may_be_drive(column: Column, head: Head) -> bool:
-    return column.column == "amplitude_v" or (not column.column and column.heading.drives and in_volts(column, head))
+    return column.column == "amplitude_v" or (not column.column and in_volts(column, head))
 
 
 def _is_constant(timed: _Timed, held: Sequence[int], place: int, options: Options) -> bool:
