@@ -1,0 +1,333 @@
+"""Headings and lines of which a part says something else: read right, or asked about with a remedy that works."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from imported import refused, tables
+
+from psafit.cli.importing import import_files
+from psafit.errors import InputError
+from psafit.experiment import Group
+from psafit.experiment.importing import Mapping, Options, read_files
+from psafit.experiment.importing.units import Unit, scaled, unit
+
+HELD: tuple[tuple[str, float | tuple[float, ...]], ...] = (("frequency_hz", 1200.0), ("amplitude_v", 20.0))
+MOTION = [0.1 * k * k for k in range(12)]
+
+
+def trace(head: str, *columns: Any, motion: str = "Displacement (um)", above: str = "") -> str:
+    """Rows of samples; columns are formats of the row's number."""
+    rows = (";".join([*(form(k) for form in columns), f"{y:.6g}"]) for k, y in enumerate(MOTION))
+    return above + "\n".join([f"{head};{motion}" if head else motion, *rows, ""])
+
+
+def one(folder: Path, content: str, **said: Any) -> Group:
+    (table,) = tables(folder, content, **said)
+    (group,) = table.groups
+    return group
+
+
+def proposed(line: str, which: int) -> Mapping:
+    """One of the mappings that a line proposes."""
+    said = re.findall(r"--column ('[^']+'|\S+)", line.replace(";", " ").replace(", ", " , "))[which]
+    heading, _, rest = shlex.split(said)[0].rpartition("=")
+    column, _, text = rest.partition(":")
+    return Mapping(heading, column, (unit(text) or scaled(text)) if text else None)
+
+
+# --- samples that are counted -------------------------------------------------------------------------------------
+
+COUNTERS = {
+    "by two": [2 * k for k in range(12)],
+    "a gap": [*range(6), *range(9, 15)],
+    "before the trigger": [k - 2 for k in range(12)],
+    "from the middle of a record": [k + 500 for k in range(12)],
+}
+
+
+@pytest.mark.parametrize("name", ["Sample", "Index", ""])
+@pytest.mark.parametrize("counts", COUNTERS.values(), ids=COUNTERS.keys())
+def test_a_counter_that_does_not_count_the_rows_is_asked_about(name: str, counts: list[int], tmp_path: Path) -> None:
+    content = trace(name or " ", lambda k: str(counts[k]))
+    said: dict[str, Any] = {"values": HELD, "start_us": 0.0}
+    asked = refused(tmp_path, content, **said, step_us=Decimal(2))
+    assert f"counts from {counts[0]} to {counts[-1]}, and there are 12 samples" in asked and "without --step" in asked
+    by_count = one(tmp_path, content, **said, columns=(proposed(asked, 0),))
+    assert by_count.time_us is not None
+    assert by_count.time_us.tolist() == [2.0 * c for c in counts if c >= 0]
+    by_row = one(tmp_path, content, **said, columns=(proposed(asked, 1),), step_us=Decimal(2))
+    assert by_row.time_us is not None and by_row.time_us.tolist() == [2.0 * k for k in range(12)]
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_counter_of_the_rows_changes_nothing(first: int, tmp_path: Path) -> None:
+    content = trace("Sample;Level", lambda k: f"{k + first};{7 * (k % 2)}")
+    group = one(tmp_path, content, values=HELD, start_us=0.0, step_us=Decimal(2))
+    assert group.time_us is not None and group.time_us.tolist() == [2.0 * k for k in range(12)]
+
+
+def test_frames_whose_counter_begins_again_are_traces_of_their_own(tmp_path: Path) -> None:
+    content = trace("Sample", str) + "".join(f"{k};{y:.6g}\n" for k, y in enumerate(MOTION))
+    said: dict[str, Any] = {"values": HELD, "start_us": 0.0}
+    asked = refused(tmp_path, content, **said, step_us=Decimal(2))
+    assert "counts from 0 to 11, and there are 24 samples" in asked
+    (table,) = tables(tmp_path, content, **said, columns=(proposed(asked, 0),))
+    assert [group.n_points for group in table.groups] == [12, 12]
+
+
+@pytest.mark.parametrize("line", ["Decimation: 10", "Decimation;10", "# downsampling factor = 4"])
+def test_a_step_of_samples_that_were_thinned_is_asked_for(line: str, tmp_path: Path) -> None:
+    said: dict[str, Any] = {"values": HELD, "start_us": 0.0}
+    content = trace("", above=f"{line}\nSample Rate: 100 kHz\n")
+    asked = refused(tmp_path, content, **said)
+    assert "does not follow from" in asked and "(line 1), 'Sample Rate: 100 kHz' (line 2); say their step" in asked
+    speeds = refused(tmp_path, content.replace("Displacement (um)", "Velocity (mm/s)"), **said)
+    assert "say the step that line 1 gives" in speeds
+    group = one(tmp_path, content, **said, step_us=Decimal(100))
+    assert group.time_us is not None and group.time_us[1] == 100.0
+    none = one(tmp_path, re.sub(r"\d+\n", "1\n", content, count=1), **said)
+    assert none.time_us is not None and none.time_us[1] == 10.0
+    assert one(tmp_path, trace("Time (us)", str, above=f"{line}\n"), values=HELD).n_points == 12
+
+
+CLOCKS = ["12:00:00.{:03d}", "12:00:00.{:06d}", "2026-11-03 12:00:00.{:03d}", "2026-11-03T12:00:00,{:03d}"]
+
+
+@pytest.mark.parametrize("form", CLOCKS)
+@pytest.mark.parametrize("name", ["Time", "Time (s)", "Stamp"])
+def test_a_time_of_the_day_is_no_clock_of_a_trace(name: str, form: str, tmp_path: Path) -> None:
+    content = trace(name, form.format)
+    said: dict[str, Any] = {"values": HELD, "start_us": 0.0}
+    asked = refused(tmp_path, content, **said)
+    assert "in seconds, or of equal steps say" in asked and "no unit" not in asked and asked.endswith("--step 1:us")
+    left = (Mapping(name, "ignore"),) if "=ignore" in asked else ()
+    group = one(tmp_path, content, **said, columns=left, step_us=Decimal(1))
+    assert group.time_us is not None and group.time_us.tolist() == list(range(12))
+
+
+# --- headings that say more ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("heading", "column"),
+    [
+        ("Range filter 10 kHz (um)", "launch_range_um"),
+        ("Laser, bandwidth 20 kHz (um)", "launch_range_um"),
+        ("Speed, full scale 10 Vp (mm/s)", "launch_speed_mm_s"),
+    ],
+)
+def test_a_number_among_words_that_are_not_known_is_no_condition(heading: str, column: str, tmp_path: Path) -> None:
+    content = f"f (Hz);U (Vp);{heading}\n1200;20;3\n1300;20;5\n"
+    mapped = (Mapping(heading, column),)
+    assert one(tmp_path, content, columns=mapped).frequency_hz.tolist() == [1200.0, 1300.0]
+    without = f"{heading}\n3\n5\n"
+    asked = refused(tmp_path, without, columns=mapped, values=HELD[:1] if "Vp" in heading else HELD[1:])
+    assert f"no {'amplitude_v' if 'Vp' in heading else 'frequency_hz'} among" in asked
+
+
+def test_numbers_among_such_words_that_differ_are_asked_about(tmp_path: Path) -> None:
+    heads = ("Laser 1.2 kHz (um)", "Laser 1.3 kHz (um)")
+    content = trace(f"t (us);{heads[0]}", str, str, motion=heads[1])
+    mapped = tuple(Mapping(h, "displacement_um") for h in heads)
+    asked = refused(tmp_path, content, columns=mapped, values=HELD)
+    assert "name numbers that may be conditions, or something else; write conditions as in" in asked
+    assert one(tmp_path, content, columns=(mapped[0], proposed(asked, 0)), values=HELD).n_points == 12
+    (table,) = tables(tmp_path, content.replace("Laser", "CH1"), columns=tuple(
+        Mapping(m.heading.replace("Laser", "CH1"), m.column) for m in mapped
+    ), values=HELD[1:])  # fmt: skip
+    assert [group.frequency_hz[0] for group in table.groups] == [1200.0, 1300.0]
+
+
+@pytest.mark.parametrize("part", ["ball", "Kugel", "the ball"])
+def test_numbers_of_balls_are_none_of_repetitions(part: str, tmp_path: Path) -> None:
+    content = f"f (Hz);U (Vp);Range {part} 1 (um);Range {part} 2 (um)\n100;20;3;4\n"
+    asked = refused(tmp_path, content)
+    assert "could all be launch_range_um; say which" in asked and asked.endswith("; of repetitions each")
+    assert one(tmp_path, content, columns=(proposed(asked, 0),)).reading.tolist() == [4.0]
+    each = tuple(Mapping(f"Range {part} {k} (um)", "launch_range_um") for k in (1, 2))
+    assert one(tmp_path, content, columns=each).reading.tolist() == [3.0, 4.0]
+
+
+@pytest.mark.parametrize("heads", [("Range (um), sine", "Range (um), square"), ("Range sine (um)", "Range rect (um)")])
+def test_a_waveform_of_a_heading_is_that_of_the_drive(heads: tuple[str, str], tmp_path: Path) -> None:
+    content = f"f (Hz);U (Vp);{';'.join(heads)}\n100;20;3;4\n"
+    each = tuple(Mapping(h, "launch_range_um") for h in heads)
+    asked = refused(tmp_path, content, columns=each)
+    assert f"column '{heads[1]}' is of a square by its heading, and the waveform is sine" in asked
+    (group,) = tables(tmp_path, content, columns=(each[0], proposed(asked, 0)))[0].groups
+    assert group.reading.tolist() == [3.0]
+    assert one(tmp_path, content, columns=each[1:], waveforms=("square",)).waveform == "square"
+
+
+# --- known errors of repetitions ----------------------------------------------------------------------------------
+
+PAIRED = {
+    "numbered": ("Range 1 (um);Sigma 1 (um);Range 2 (um);Sigma 2 (um)", ()),
+    "of one name": ("Range (um);Sigma (um);Range (um);Sigma (um)", ()),
+    "said": ("Range 1 (um);SD 1 (um);Range 2 (um);SD 2 (um)", ("SD 1 (um)", "SD 2 (um)")),
+    "without numbers": ("Range 1 (um);± (um);Range 2 (um);± (um)", ("± (um)",)),
+}
+
+
+@pytest.mark.parametrize(("heads", "said"), PAIRED.values(), ids=PAIRED.keys())
+def test_each_repetition_has_its_known_error(heads: str, said: tuple[str, ...], tmp_path: Path) -> None:
+    mapped = tuple(Mapping(h, "sigma_um") for h in said)
+    content = f"f (Hz);U (Vp);{heads}\n100;20;3;0.1;4;0.2\n200;20;;0.3;5;0.4\n"
+    group = one(tmp_path, content, columns=mapped)
+    assert group.reading.tolist() == [3.0, 4.0, 5.0]
+    assert group.sigma is not None and group.sigma.tolist() == [0.1, 0.2, 0.4]
+    assert "in.csv:2: sigma_um is empty" in refused(tmp_path, content.replace(";0.2", ";"), columns=mapped)
+
+
+def test_known_errors_at_conditions(tmp_path: Path) -> None:
+    heads = "Range at 10 Vp (um);Sigma at 10 Vp (um);Range at 20 Vp (um);Sigma at 20 Vp (um)"
+    mapped = tuple(Mapping(f"Sigma at {v} Vp (um)", "sigma_um") for v in (10, 20))
+    group = one(tmp_path, f"f (Hz);{heads}\n100;3;0.1;4;0.2\n", columns=mapped)
+    assert group.amplitude_v.tolist() == [10.0, 20.0]
+    assert group.sigma is not None and group.sigma.tolist() == [0.1, 0.2]
+
+
+@pytest.mark.parametrize(
+    "heads", ["Range 1 (um);Sigma 1 (um);Range 2 (um)", "Range 1 (um);Sigma 2 (um);Range 2 (um);Sigma 1 (um)"]
+)
+def test_a_known_error_of_one_reading_is_not_that_of_others(heads: str, tmp_path: Path) -> None:
+    content = f"f (Hz);U (Vp);{heads}\n100;20;3;0.1;4;0.2\n".replace(";0.2", ";0.2" * ("Sigma 2" in heads))
+    asked = refused(tmp_path, content)
+    assert "sigma_um of some readings, and would count for others" in asked
+    left = tuple(proposed(asked, k) for k in range(content.count("Sigma")))
+    assert one(tmp_path, content, columns=left).sigma is None
+
+
+# --- volts next to a trace ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "name", ["Drive x10 (V)", "drive before 20x amplifier (V)", "Amp in (V)", "Monitor 1:100 (V)", "CH1 (V)"]
+)
+def test_volts_next_to_a_trace_are_asked_about_whatever_their_name(name: str, tmp_path: Path) -> None:
+    content = trace(f"Time (us);{name}", str, lambda k: f"{k / 10}")
+    for waveforms in ((), ("sine",)):
+        asked = refused(tmp_path, content, waveforms=waveforms, values=HELD)
+        assert "it may be the drive over time, or another signal" in asked and "if one volt of it is 20 V" in asked
+    group = one(tmp_path, content, waveforms=(), values=HELD, columns=(proposed(asked, 0),))
+    assert group.drive.table is not None and group.drive.table.value[-1] == 22.0
+    assert one(tmp_path, content, values=HELD, columns=(proposed(asked, 1),)).waveform == "sine"
+    constant = trace(f"Time (us);{name}", str, lambda k: "5")
+    assert one(tmp_path, constant, values=HELD).amplitude_v[0] == 20.0
+
+
+@pytest.mark.parametrize("name", ["Acceleration (m/s^2)", "Acceleration (g)", "Velocity (m/s²)"])
+def test_an_acceleration_is_no_motion_that_is_read(name: str, tmp_path: Path) -> None:
+    asked = refused(tmp_path, trace("Time (us)", str, motion=name), values=HELD)
+    assert "none is a motion; say --column NAME=displacement_um:um, or of a sensor's volts" in asked
+    assert asked.endswith("psafit reads no acceleration: integrate it")
+
+
+def test_several_motions_of_other_names_are_proposed(tmp_path: Path) -> None:
+    asked = refused(tmp_path, trace("Time (us);Laser A (um)", str, str, motion="Laser B (um)"), values=HELD)
+    assert "'Laser A (um)=displacement_um' if it is that of the ball or --column 'Laser B (um)=displace" in asked
+
+
+# --- rows of units, encodings, columns by their numbers -----------------------------------------------------------
+
+
+def test_units_may_stand_above_the_headings(tmp_path: Path) -> None:
+    group = one(tmp_path, "kHz;[Vpp];mm\nFrequency;Voltage;Range\n1;20;0.03\n2;20;0.04\n")
+    assert group.frequency_hz.tolist() == [1000.0, 2000.0] and group.amplitude_v.tolist() == [10.0, 10.0]
+    assert group.reading.tolist() == [30.0, 40.0]
+    samples = one(tmp_path, trace("Time", lambda k: f"{k}e-6", motion="Displacement", above="s;um\n"), values=HELD)
+    assert samples.time_us is not None and samples.time_us.tolist() == list(range(12))
+    asked = refused(tmp_path, "ms;um\nTime (s);Displacement\n0;1\n", values=HELD)
+    assert "is in 's', and in 'ms' by the row of units" in asked
+
+
+def test_units_of_another_line_are_none(tmp_path: Path) -> None:
+    said = (Mapping("Voltage", "amplitude_v", Unit("V", "peak")), Mapping("Range", "launch_range_um", Unit("um")))
+    asked = refused(tmp_path, "Lab 3;Vpp;um\nFrequency;Voltage;Range\n1;20;0.03\n", columns=said)
+    assert "'Frequency' gives no unit" in asked
+
+
+def test_japanese_text_is_read_with_the_encoding_that_the_line_names(tmp_path: Path) -> None:
+    file = tmp_path / "in.csv"
+    file.write_bytes("測定,良好\nFrequency(kHz),Voltage(Vpp),Range(um)\n1.0,20,3\n".encode("cp932"))
+    with pytest.raises(InputError, match="--encoding cp850, or cp932 of Japanese") as caught:
+        read_files([file], Options(waveforms=("sine",)))
+    assert import_files.name == "import" and "\n" not in str(caught.value)
+    (table,) = read_files([file], Options(waveforms=("sine",), encoding="cp932"))
+    assert table.groups[0].frequency_hz.tolist() == [1000.0]
+
+
+def test_columns_of_one_quantity_by_their_numbers_keep_their_headings(tmp_path: Path) -> None:
+    content = "Range 1 kHz 10 Vp (mm);Range 2 kHz 10 Vp (mm)\n0.003;0.004\n"
+    mapped = tuple(Mapping(str(k), "launch_range_um") for k in (1, 2))
+    group = one(tmp_path, content, columns=mapped)
+    assert group.frequency_hz.tolist() == [1000.0, 2000.0] and group.reading.tolist() == [3.0, 4.0]
+    bare = tuple(Mapping(str(k), "launch_range_um", Unit("um")) for k in (1, 2))
+    assert one(tmp_path, "3;4\n5;6\n", columns=bare, values=HELD).reading.tolist() == [3.0, 4.0, 5.0, 6.0]
+
+
+def test_units_below_headings_are_those_of_no_others(tmp_path: Path) -> None:
+    """As in Origin, whose third row is a comment of each column; the units above it are of the headings."""
+    content = trace("Time", lambda k: f"{k}e-6", motion="Displacement").replace("\n", "\ns;um\nRun 1;Trial 1\n", 1)
+    asked = refused(tmp_path, content, values=HELD)
+    assert "in.csv:3: 'Run 1 Trial 1' holds no number where other rows do; put # before a remark" in asked
+    assert one(tmp_path, content.replace("Run 1", "# Run 1"), values=HELD).n_points == 12
+
+
+BELOW_WORDS = {
+    "an oscilloscope's": "Revision,0\nType,Raw\nPoints,12\nXInc,1e-6\nXUnits,Second\nMax Bandwidth,4e9\nData,\n",
+    "a number in between": "Memory Length,12,\nSource,CH1,\nVertical Units,V,\nSampling Period,1e-6,\nWaveform Data,\n",
+}
+
+
+@pytest.mark.parametrize("above", BELOW_WORDS.values(), ids=BELOW_WORDS.keys())
+def test_columns_by_their_numbers_begin_where_both_hold_numbers(above: str, tmp_path: Path) -> None:
+    content = above + "".join(f"{k}e-6,{y:.6g}\n" for k, y in enumerate(MOTION))
+    mapped = (Mapping("1", "time_us", Unit("s")), Mapping("2", "displacement_um", Unit("um")))
+    group = one(tmp_path, content, values=HELD, columns=mapped)
+    assert group.time_us is not None and group.time_us.tolist() == list(range(12))
+    assert group.reading.tolist() == pytest.approx(MOTION)
+
+
+def test_a_heading_without_cells_may_be_ignored(tmp_path: Path) -> None:
+    """LabVIEW writes one for comments behind the last column."""
+    content = trace("Time (us)", str, motion="Displacement (um);Comment")
+    asked = refused(tmp_path, content, values=HELD)
+    assert asked.endswith("or say --column Comment=ignore")
+    assert one(tmp_path, content, values=HELD, columns=(proposed(asked, 0),)).n_points == 12
+
+
+def test_a_fault_of_all_rows_is_one_line(tmp_path: Path) -> None:
+    asked = refused(tmp_path, "f (kHz),Upp (V),Range (um)\n1,2,40,76,5\n1,25,40,75,25\n")
+    assert "in.csv:2: 5 cells in the row, 3 headings, as in 2 rows; give each column a heading; decimal" in asked
+
+
+def test_a_unit_behind_in_is_a_heading(tmp_path: Path) -> None:
+    content = trace("in s;CH1 in V", lambda k: f"{k}e-6", lambda k: f"{k / 10}", motion="CH2 in V")
+    sensor = Mapping("CH2 in V", "displacement_um", scaled("2um/V"))
+    group = one(tmp_path, content, waveforms=(), values=HELD, columns=(Mapping("CH1 in V", "voltage_v"), sensor))
+    assert group.time_us is not None and group.time_us.tolist() == list(range(12))
+    assert group.reading.tolist() == pytest.approx([2 * y for y in MOTION])
+
+
+def test_what_a_trace_lacks_may_be_a_recorded_drive(tmp_path: Path) -> None:
+    content = trace("Time (us);Amp monitor (V/10)", str, str)
+    asked = refused(tmp_path, content, waveforms=(), values=HELD)
+    assert asked.endswith("; of a drive that was recorded --column NAME=voltage_v:V")
+
+
+@pytest.mark.parametrize("name", ["rms Voltage (Vpp)", "Amplitude (Vp), pk-pk", "Spannung Spitze-Spitze (Vrms)"])
+def test_volts_that_are_counted_in_two_ways_are_asked_about(name: str, tmp_path: Path) -> None:
+    content = f"f (Hz);{name};Range (um)\n100;20;3\n"
+    asked = refused(tmp_path, content)
+    assert f"no amplitude_v among 'f (Hz)', '{name}'" in asked
+    again = refused(tmp_path, content, columns=(proposed(asked, 0),))
+    assert "whether volts are zero to peak, peak to peak or RMS is not said" in again
+    mapped = (Mapping(name, "amplitude_v", Unit("V", "pp")),)
+    assert one(tmp_path, content, columns=mapped).amplitude_v.tolist() == [10.0]
