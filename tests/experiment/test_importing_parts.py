@@ -331,3 +331,25 @@ def test_volts_that_are_counted_in_two_ways_are_asked_about(name: str, tmp_path:
     assert "whether volts are zero to peak, peak to peak or RMS is not said" in again
     mapped = (Mapping(name, "amplitude_v", Unit("V", "pp")),)
     assert one(tmp_path, content, columns=mapped).amplitude_v.tolist() == [10.0]
+
+
+LABELLED = [";Sine;;Square", ";10 Vpp;;20 Vpp", "Ball A;;;Ball B", ";;;Square", ";day 1;;day 2"]
+
+
+@pytest.mark.parametrize("labels", LABELLED)
+def test_labels_above_the_headings_part_columns_of_one_name(labels: str, tmp_path: Path) -> None:
+    """An empty cell, as of cells that were merged, goes on to the left."""
+    content = f"{labels}\nf (Hz);Range (um);U (Vp);Range (um)\n100;3;20;4\n"
+    asked = refused(tmp_path, content)
+    assert "could all be launch_range_um, and '" in asked and "' above part them; say which: --column 4=" in asked
+    assert one(tmp_path, content, columns=(proposed(asked, 0),)).reading.tolist() == [4.0]
+    each = tuple(Mapping(str(k), "launch_range_um") for k in (2, 4))
+    assert one(tmp_path, content, columns=each).reading.tolist() == [3.0, 4.0]
+
+
+@pytest.mark.parametrize("labels", ["Test 3;;;", "Hz;um;Vp;um", "Run;1;2;3", ";Ranges"])
+def test_a_title_above_the_headings_parts_none(labels: str, tmp_path: Path) -> None:
+    content = f"{labels}\nf (Hz);Range (um);U (Vp);Range (um)\n100;3;20;4\n"
+    assert one(tmp_path, content).reading.tolist() == [3.0, 4.0]
+    numbered = "Operator;Lab 3\nRange 1 (um);Range 2 (um)\n3;4\n"
+    assert one(tmp_path, numbered, values=HELD).reading.tolist() == [3.0, 4.0]

@@ -28,7 +28,7 @@ from psafit.experiment.importing.chosen import (
     role,
 )
 from psafit.experiment.importing.grid import Grid
-from psafit.experiment.importing.layout import Head, counts_rows, names, waveform_places
+from psafit.experiment.importing.layout import Head, counts_rows, labels_above, names, waveform_places
 from psafit.experiment.importing.matters import check_matters
 from psafit.experiment.importing.numerals import is_number, likeliest
 from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, missing_conditions, voltages
@@ -212,12 +212,16 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Fa
     first = columns[0]
     if len({bool(c.at) for c in columns}) > 1:  # what is missing in a heading is said elsewhere
         return
-    if len(columns) == 1 or (role(first.column) in READ and (first.mapped or _repeated(columns))):
+    read, one_name = role(first.column) in READ, len({c.heading.text for c in columns}) == 1
+    labels = labels_above(grid, head, [c.place for c in columns]) if one_name else []
+    if len(columns) == 1 or (read and (first.mapped or (_repeated(columns) and not labels))):
         return
     what = f"columns {listed(c.name for c in columns)} could all be {first.column}"
-    remedy = f"say which: {option(columns[-1].option, first.column)}"
-    if role(first.column) in READ:
-        remedy = f"{remedy}; of repetitions each"
+    last = columns[-1].option
+    if read:
+        what = f"{what}, and {listed(shown(label) for label in labels if label)} above part them" if labels else what
+        last = str(columns[-1].place + 1) if columns[-1].heading.repeats else last
+    remedy = f"say which: {option(last, first.column)}{'; of repetitions each' if read else ''}"
     apart = (
         "if each is of a trace of its own, save each with its trace in a file; else " if first.column == TIME else ""
     )

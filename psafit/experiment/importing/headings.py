@@ -105,6 +105,8 @@ class Heading:
     @property
     def conditions(self) -> tuple[Condition, ...]:
         """The conditions that it names, if the rest of it is understood: ``Laser, filter 10 kHz`` may name none."""
+        if not self.at:
+            return ()
         rest = heading(self.bare)
         said = {word.rstrip("0123456789") for word in rest.name.split()} - {""}
         understood = said <= CHANNELS | NEUTRAL | GENERIC | PARTS["ball"] | PARTS["tip"]

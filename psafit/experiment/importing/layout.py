@@ -91,6 +91,21 @@ def named_waveform(named: Heading) -> str:
     return _WAVEFORMS[max(found, key=len)] if found else ""
 
 
+def labels_above(grid: Grid, head: Head, places: Sequence[int]) -> list[str]:
+    """What stands in the row above the headings over these columns, where that parts them; units and numbers do not.
+
+    A cell that is empty, as of cells that were merged, goes on to the left.
+    """
+    at = next((k for k, row in enumerate(grid.rows) if row.line == head.line), 0)
+    texts = grid.rows[at - 1].texts if at else ()
+    if not texts or is_comment(texts[0]):
+        return []
+    said = [next(filter(None, reversed(texts[: place + 1])), "") for place in places]
+    plain = (unit(text) or foreign(text) or any(n.value(text) is not None for n in NOTATIONS.values()) for text in said)
+    labels = dict.fromkeys("" if none else text for text, none in zip(said, plain, strict=True))
+    return list(labels) if len(labels) > 1 else []
+
+
 def counts_rows(texts: Sequence[str]) -> bool:
     """Whether texts number their rows, from 0 or 1."""
     return list(texts) in ([str(k + first) for k in range(len(texts))] for first in (0, 1))

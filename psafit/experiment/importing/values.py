@@ -100,7 +100,7 @@ def readings(
             known = _held(held, drive, options) | others
             known |= {c.column: v for c, v in read.items() if v is not None}
             first = next(iter(read))
-            known = _named(grid, head, first, drive, options) | known
+            known = _named(grid, head, first, drive, options) | known if first.heading.at else known
             found.append(Reading(row.line, drive, label, tuple(known.items()), first.place if chosen.traced else 0))
             for c, v in read.items():
                 if v is not None and v < 0 and not chosen.traced:
