@@ -345,6 +345,8 @@ class Parameter:
         Where the prior comes from.
     neutral : float, optional
         Value at which the parameter has no effect; None where there is none.
+    reciprocal : str
+        Unit of its reciprocal, where that is the quantity that people know; else empty.
     """
 
     name: str
@@ -355,6 +357,7 @@ class Parameter:
     description: str
     source: str
     neutral: float | None = None
+    reciprocal: str = ""
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier() or keyword.iskeyword(self.name):

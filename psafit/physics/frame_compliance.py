@@ -69,6 +69,7 @@ TERM = Term(
             " bolts and steel blocks; no source read). At 1e-5 m/N 0.1 kg would resonate at 160 Hz, which is"
             " no holder any more",
             neutral=0.0,
+            reciprocal="N/m",
         ),
         Parameter(
             name="frame_frequency",

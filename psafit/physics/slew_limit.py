@@ -2,8 +2,9 @@ r"""An amplifier whose current limit bounds the rate of the voltage.
 
 .. math:: |\dot u| \le S = i_\mathrm{max}/C.
 
-A stack is a capacitor: the amplifier charges it with at most :math:`i_\mathrm{max}`. A sine needs :math:`2\pi f V_a`
-(20 V at 5 kHz: 0.63 V/us), a jump an infinite rate. Assumed: the same limit for both signs, a constant capacity, and a
+A stack is a capacitor: the amplifier charges it with at most :math:`i_\mathrm{max}`. A sine needs :math:`\pi f U`
+for a swing `U` from its lowest to its highest voltage (20 V to both sides, 40 V in all, at 5 kHz: 0.63 V/us), a jump an
+infinite rate. Assumed: the same limit for both signs, a constant capacity, and a
 voltage that runs at the limit until it meets the command. Sampled as :math:`1/S`, which vanishes where the limit does.
 """
 
@@ -52,10 +53,12 @@ TERM = Term(
             " 1.5 uF (Table 1): S = 1.3e4-6.7e5 V/s, 1/S = 1.5e-6-7.5e-5 s/V. Beyond 1e-3 s/V, 1.5 mA, the rise to 20"
             " V takes 20 ms and no reading would depend on the waveform",
             neutral=0.0,
+            reciprocal="V/s",
         ),
     ),
     symptom=Symptom(
-        "sines become triangles above f = S/(2 pi V_a) and jumps become ramps of 2 V_a/S. It sets in at a threshold"
+        "sines that swing by U, lowest to highest voltage, become triangles above f = S/(pi U), and jumps become ramps"
+        " of U/S. It sets in at a threshold"
         " that moves to lower frequencies as the voltage grows: first a loss, then a gain, where the voltage cannot"
         " come back before the ball leaves. With square waves an amplitude sweep may begin with a gain and end in a"
         " loss",

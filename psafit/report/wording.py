@@ -249,5 +249,6 @@ def compared(parameter: str, apart: float, by_chance: float, effective: float) -
     return (
         f"the sampler and {effective:.0f} importance draws disagree on {parameter}: a median or a limit differs by"
         f" {fixed(apart, 2)} of the 90 % interval's width, where {fixed(by_chance, 2)} would be chance; one of them has"
-        " missed a part of the posterior, as a rule the importance draws"
+        " missed a part of the posterior, as a rule the importance draws: another seed, or --sampler nautilus, says"
+        " which"
     )

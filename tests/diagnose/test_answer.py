@@ -312,6 +312,18 @@ def test_what_may_be_at_work_as_well_is_said_with_what_it_would_change() -> None
 
 
 @pytest.mark.parametrize(
+    ("lower", "said"), [(1.38e-6, "7e+05 V/s (6.76e+05 to 7.25e+05)"), (0.0, "7e+05 V/s (at least 6.76e+05)")]
+)
+def test_what_is_known_by_its_reciprocal_is_said_so(lower: float, said: str) -> None:
+    d = record()
+    slew = ParameterResult(1 / 7e5, lower, 1.48e-6, "s/V", "one over the largest rate", 0.5, "V/s")
+    counted = Counted(["slew_limit"], 1.34, {"slew_limit_inverse": slew}, {})
+    adequate = replace(d, verdict="adequate", named=[], alternatives=[], counted=[counted])
+    (weak,) = of(adequate, TooWeak)
+    assert f" s/V, that is {said}." in weak.say(PLAIN)
+
+
+@pytest.mark.parametrize(
     ("p_value", "simulated", "narrow"), [(0.025, 199, True), (0.025, 9999, False), (0.01, 199, False)]
 )
 def test_a_baseline_that_chance_may_have_passed_is_called_narrow(p_value: float, simulated: int, narrow: bool) -> None:

@@ -108,7 +108,7 @@ def test_what_is_made_of_a_quantity_is_none_by_itself(column: str, name: str, tm
     headings = {"frequency_hz": "f (Hz)", "amplitude_v": "Vp", "launch_range_um": "Range (um)"} | {column: name}
     content = f"{';'.join(headings.values())}\n40;40;40\n41;40;39\n"
     asked = refused(tmp_path, content)
-    assert f"{column}" in asked and ", if its numbers are that as they stand" in asked
+    assert f"{column}" in asked and ", if its numbers are that by their unit, with no further factor" in asked
     said = Mapping(name, column, Unit(COLUMNS[column].unit, "peak" if column == "amplitude_v" else None))
     (table,) = tables(tmp_path, content, columns=(said,))
     group = table.groups[0]
@@ -131,7 +131,9 @@ def test_what_is_made_of_a_motion_is_none_by_itself(name: str, tmp_path: Path) -
 
 def test_a_time_in_other_steps_is_none_by_itself(tmp_path: Path) -> None:
     content = recording("Velocity (mm/s)").replace("Time (us)", "Time·10 (us)")
-    assert ", if its numbers are that as they stand" in refused(tmp_path, content, **HELD, start_us=0.0)
+    assert ", if its numbers are that by their unit, with no further factor" in refused(
+        tmp_path, content, **HELD, start_us=0.0
+    )
 
 
 @pytest.mark.parametrize("name", ["-Bias (V)", "Offset·2 (V)", "sigma^2 (um)", "√sigma (um)"])
@@ -497,7 +499,9 @@ def test_the_nearest_column_of_any_reading_is_proposed(name: str, column: str, t
     (said,) = proposed(asked)
     assert (said.heading, said.column, said.unit) == (name, column, None)
     if "(" not in name and "/" not in name:
-        assert asked.endswith("with the unit behind a colon, if its numbers are that as they stand")
+        assert asked.endswith(
+            "with the unit behind a colon, if its numbers are that by their unit, with no further factor"
+        )
         said = replace(said, unit=Unit(COLUMNS[column].unit))
     (table,) = tables(tmp_path, content, columns=(said,))
     assert table.groups[0].observable.column == column

@@ -432,7 +432,12 @@ class TooWeak(Statement):
 
 
 def _size(words: Words, name: str, p: ParameterResult) -> str:
-    return words.size(name, p.unit, p.median, p.interval)
+    text = words.size(name, p.unit, p.median, p.interval)
+    if not (p.reciprocal and p.median):
+        return text
+    low, high = ("" if not x else f"{significant(1 / x)}" for x in (p.upper, p.lower))
+    ends = f" ({low} to {high})" if low and high else f" (at least {low})" if low else ""
+    return words.put("{}, that is {}", text, words.number(f"{significant(1 / p.median)} {p.reciprocal}{ends}"))
 
 
 @dataclass(frozen=True)

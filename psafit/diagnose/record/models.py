@@ -25,6 +25,8 @@ class ParameterResult:
     unit, description : str
     prior_share : float
         Quantile of the prior at which the median lies; nan where that is not known.
+    reciprocal : str, optional
+        Unit of its reciprocal, where that is the quantity that people know.
     """
 
     median: float
@@ -33,6 +35,7 @@ class ParameterResult:
     unit: str
     description: str
     prior_share: float
+    reciprocal: str | None = field(default=None, metadata=ABSENT)
 
     @property
     def interval(self) -> tuple[float, float] | None:

@@ -30,7 +30,7 @@ VOLTAGE = RECORDED[1]
 """The column of a recorded drive."""
 EXAMPLES = {"frequency_hz": ("kHz", "1.2"), "amplitude_v": ("Vpp", "40")}
 """Unit and number of a condition, as an example."""
-AS_IT_STANDS = "if its numbers are that as they stand"
+AS_IT_STANDS = "if its numbers are that by their unit, with no further factor"
 """What is added where a column is proposed whose heading says more, or something else."""
 READ = ("reading", "trace")
 """Roles of what is read."""

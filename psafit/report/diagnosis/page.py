@@ -88,7 +88,7 @@ def _facts(result: Diagnosis, experiment: Experiment) -> list[list[Any]]:
         ["Data", result.title],
         ["Source", experiment.source or "not given"],
         ["Groups", words.group_ids(result.groups)],
-        ["Training groups of the strict protocol", words.group_ids(result.training)],
+        *([] if result.quick else [["Training groups of the strict protocol", words.group_ids(result.training)]]),
         ["Seed", str(result.seed)],
         ["Kind of run", "quick: the verdict alone" if result.quick else "full"],
         ["Predictions of the adopted model", ", ".join(_tables(result, experiment))],
