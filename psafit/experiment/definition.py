@@ -390,9 +390,7 @@ class Definition:
         self.known_keys(table, ("median", "factor", "mean", "sd", "source", "probability"), *place)
         given = set(table) - {"source", "probability"}
         if given not in ({"median", "factor"}, {"mean", "sd"}):
-            raise self.error(
-                f"prior of {shown(name)} gives {listed(sorted(given)) or 'no numbers'}", _PRIOR, *place
-            )
+            raise self.error(f"prior of {shown(name)} gives {listed(sorted(given)) or 'no numbers'}", _PRIOR, *place)
         source = table.get("source")
         if not isinstance(source, str) or not one_line(source):
             raise self.error(f"prior of {shown(name)} has no source", 'write source = "how it is known"', *place)

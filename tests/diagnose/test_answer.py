@@ -253,6 +253,11 @@ def test_how_often_chance_finds_as_much() -> None:
             " probability.",
         ),
         (
+            LookedAt(30, 29, 0.0),
+            "30 sets of causes were fitted on all readings, 1 of them sampled; the others have none of the probability"
+            " together.",
+        ),
+        (
             LookedAt(1640, 1627, 1e-5),
             "1,640 sets of causes were fitted on all readings, 13 of them sampled; the others have less than 0.1 % of"
             " the probability together.",
@@ -273,13 +278,14 @@ def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, reported: str
             "adequate",
             [],
             "The most that these readings leave to a further cause: preload changes a reading by up to 7.5 %"
-            " (95 % limit), added to the baseline and refitted. Of 3 causes 1 could be bounded.",
+            " (95 % limit), added to the baseline and refitted. Of 3 causes 1 could be bounded, not gap and"
+            " swing_drag.",
         ),
         (
             "explained",
             ["gap"],
             "The most that these readings leave to a further cause: preload changes a reading by up to 7.5 %"
-            " (95 % limit), added to gap and refitted. Of 2 causes 1 could be bounded.",
+            " (95 % limit), added to gap and refitted. Of 2 causes 1 could be bounded, not swing_drag.",
         ),
         ("unexplained", [], None),
     ],

@@ -207,8 +207,9 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
     left = [(s.room, s) for s in d.screening if s.room is not None]
     if left and d.verdict != "unexplained":  # given a model that is wrong it bounds nothing
         share, widest = max(left, key=lambda one: one[0])
-        others = {s.id for s in d.screening} - {*d.named, *idle}
-        yield Room(d.named, widest.id, share, len(left), len(others), widest.room_at)
+        others = [s for s in d.screening if s.id not in {*d.named, *idle}]
+        unbounded = [s.id for s in others if s.room is None]
+        yield Room(d.named, widest.id, share, unbounded, len(others), widest.room_at)
 
 
 def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> Iterator[Statement]:

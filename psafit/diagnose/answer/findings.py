@@ -459,24 +459,28 @@ class AtWork(Statement):
 class Room(Statement):
     """The largest change of a reading that the readings leave a cause added to what is adopted (95 %).
 
-    It holds of the `bounded` causes alone, of all others, only if what is adopted is right, and of what no other
-    parameter could do in the cause's place. Less than `least` is not worth a number.
+    It holds of all other causes but the `unbounded`, only if what is adopted is right, and of what no other parameter
+    could do in the cause's place. Less than `least` is not worth a number, more names than `few` are not listed.
     """
 
     topic = "wrong"
     adopted: list[str]
     cause: str
     share: float
-    bounded: int
+    unbounded: list[str]
     of: int
     place: Condition | None
     least: float = 0.001
+    few: int = 5
 
     def say(self, words: Words) -> str:
         where = _place(self.place, words) if self.place else ""
+        free = words.listed(map(words.cause, self.unbounded))
         return words.put(
             "The most that these readings leave to a further cause: {} changes a reading{} by up to {} (95 % limit),"
-            " added to {} and refitted. Of {} causes {} could be bounded.",
+            " added to {} and refitted. Of {} causes {} could be bounded{}.",
             words.cause(self.cause), words.put(" ({})", where) if where else "",
-            words.fraction(max(self.share, self.least)), words.causes(self.adopted), self.of, self.bounded,
+            words.fraction(max(self.share, self.least)), words.causes(self.adopted), self.of,
+            self.of - len(self.unbounded),
+            words.put(", not {}", free) if 0 < len(self.unbounded) <= self.few else "",
         )  # fmt: skip

@@ -37,7 +37,7 @@ class OneGroup(Statement):
 
 @dataclass(frozen=True)
 class LivesOn(Statement):
-    """On how many readings half of what speaks for each cause rests, and the group that gives most."""
+    """On how many readings half of what speaks for each cause rests, and the group that gives more than half."""
 
     topic = "detail"
     causes: list[Carried]
@@ -46,8 +46,8 @@ class LivesOn(Statement):
     def say(self, words: Words) -> str:
         each = (
             words.put(
-                "{}, {} of {}, most in {}", words.cause(c.cause), c.half, self.readings,
-                words.groups([c.groups[0][0]]),
+                "{}, {} of {}{}", words.cause(c.cause), c.half, self.readings,
+                words.put(", most in {}", words.groups([c.groups[0][0]])) if c.groups[0][1] > 0.5 * c.total else "",
             )
             for c in self.causes
         )  # fmt: skip
@@ -145,8 +145,8 @@ class Searched(Statement):
         if not estimated:
             return f"{head}{' and' if fitted == 1 else ', all of them'} sampled."
         mass = self.looked_at.mass_not_looked_at
-        share = fixed(mass, 1, per_cent=True)
-        share = "less than 0.1" if share == "0.0" and mass > 0 else share
+        share = f"{fixed(mass, 1, per_cent=True)} %"
+        share = {"0.0 %": "less than 0.1 %" if mass > 0 else "none"}.get(share, share)
         others = "the other has" if estimated == 1 else "the others have"
         together = "" if estimated == 1 else " together"
-        return f"{head}, {fitted - estimated:,} of them sampled; {others} {share} % of the probability{together}."
+        return f"{head}, {fitted - estimated:,} of them sampled; {others} {share} of the probability{together}."
