@@ -380,14 +380,14 @@ class Parameter:
             If the prior lives in the other coordinate, has its middle beyond the bounds, or a width that no knowledge
             has.
         """
-        prior = belief.prior
+        prior, bounds = belief.prior, belief.bounds or self.bounds
         if prior.coordinate != self.prior.coordinate:
             words = "median and factor" if self.prior.coordinate == "log" else "mean and sd"
             raise ValueError(f"is given by {words}")
         core = prior.core if isinstance(prior, Tailed) else prior
         middle = core.median if isinstance(core, LogNormal) else core.mean
-        if not self.bounds.lower <= middle <= self.bounds.upper:
-            raise ValueError(f"has its middle within {self.bounds.lower:g} to {self.bounds.upper:g} {self.unit}")
+        if not bounds.lower <= middle <= bounds.upper:
+            raise ValueError(f"has its middle within {bounds.lower:g} to {bounds.upper:g} {self.unit}")
         width = math.log(core.factor) if isinstance(core, LogNormal) else core.sd
         own = self.core
         usual = math.log(own.factor) if isinstance(own, LogNormal) else self.scale
@@ -395,7 +395,7 @@ class Parameter:
             ends = [narrowest * usual, widest * usual]
             ends, word = ([math.exp(x) for x in ends], "factor") if prior.coordinate == "log" else (ends, "sd")
             raise ValueError(f"has a {word} from {ends[0]:.6g} to {ends[1]:.6g}")
-        return replace(self, prior=prior, source=belief.source, bounds=belief.bounds or self.bounds)
+        return replace(self, prior=prior, source=belief.source, bounds=bounds)
 
     @property
     def signature(self) -> list[str | float]:

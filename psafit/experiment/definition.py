@@ -305,12 +305,13 @@ class Definition:
     def known(self, stated: Sequence[Belief], rig: Rig | None, constants: Constants) -> tuple[Belief, ...]:
         """What is known of parameters: what follows from the rig, and in its place what is stated.
 
-        A stated prior says which values are plausible. Whether the cause is at work follows from the rig nevertheless,
-        where that is not stated as well.
+        A stated prior says which values are plausible. What is possible follows from the rig nevertheless, and so does
+        whether the cause is at work, where that is not stated as well.
         """
         followed = [self._placed(b) for b in (rig_beliefs(rig, constants) if rig else ())]
-        at_work = {b.name: b.probability for b in followed}
-        own = [b if b.probability else replace(b, probability=at_work.get(b.name)) for b in stated]
+        of = {b.name: b for b in followed}
+        both = ((b, of.get(b.name, b)) for b in stated)
+        own = [replace(b, probability=b.probability or f.probability, bounds=f.bounds) for b, f in both]
         names = {b.name for b in stated}
         return (*(b for b in followed if b.name not in names), *own)
 

@@ -86,6 +86,16 @@ def test_priors_follow_from_a_rig(tmp_path: Path) -> None:
     assert odds == usual | {"amplifier_lag": 0.95, "anchored_stroke": 0.7}
 
 
+def test_a_stated_lean_is_bounded_by_the_string_nevertheless(tmp_path: Path) -> None:
+    stated = '[prior.preload_offset]\nmean = {}\nsd = 0.002\nsource = "x"\n'
+    experiment = read_experiment(write(tmp_path, TOML + FACTS + stated.format(0.01)))
+    (lean,) = informed(experiment.beliefs, terms(["preload"]))[1][0].parameters
+    assert lean.prior == Normal(0.01, 0.002) and lean.bounds.upper == pytest.approx(0.045)
+    beyond = read_experiment(write(tmp_path, TOML + FACTS + stated.format(0.06)))
+    with pytest.raises(InputError, match=r"it has its middle within 0 to 0\.045 m"):
+        informed(beyond.beliefs, TERMS)
+
+
 def test_what_is_reported_of_a_rig_is_what_is_used(tmp_path: Path) -> None:
     """Every prior with its tail, and how probable a cause has become."""
     experiment = read_experiment(write(tmp_path, TOML + FACTS))
