@@ -183,6 +183,7 @@ def test_each_repetition_has_its_known_error(heads: str, said: tuple[str, ...], 
     assert group.reading.tolist() == [3.0, 4.0, 5.0]
     assert group.sigma is not None and group.sigma.tolist() == [0.1, 0.2, 0.4]
     assert "in.csv:2: sigma_um is empty" in refused(tmp_path, content.replace(";0.2", ";"), columns=mapped)
+    assert "in.csv:2: sigma_um 'x' is not a number" in refused(tmp_path, content.replace(";0.2", ";x"), columns=mapped)
 
 
 def test_known_errors_at_conditions(tmp_path: Path) -> None:
@@ -202,6 +203,14 @@ def test_a_known_error_of_one_reading_is_not_that_of_others(heads: str, tmp_path
     assert "sigma_um of some readings, and would count for others" in asked
     left = tuple(proposed(asked, k) for k in range(content.count("Sigma")))
     assert one(tmp_path, content, columns=left).sigma is None
+
+
+@pytest.mark.parametrize("heads", ["SD (um)", "SD (um);SD (um)", "SD 1 (um)"])
+def test_a_known_error_of_what_was_not_read_is_asked_about(heads: str, tmp_path: Path) -> None:
+    content = f"f (Hz);U (Vp);Speed (mm/s);{heads}\n100;20;3;0.1;0.2\n".replace(";0.2", ";0.2" * heads.count(";"))
+    asked = refused(tmp_path, content, columns=tuple({Mapping(h, "sigma_um") for h in heads.split(";")}))
+    assert "sigma_um, and none is launch_range_um; say --column" in asked
+    assert one(tmp_path, content, columns=(proposed(asked, 0),)).sigma is None
 
 
 # --- volts next to a trace ----------------------------------------------------------------------------------------
@@ -301,6 +310,15 @@ def test_a_heading_without_cells_may_be_ignored(tmp_path: Path) -> None:
     asked = refused(tmp_path, content, values=HELD)
     assert asked.endswith("or say --column Comment=ignore")
     assert one(tmp_path, content, values=HELD, columns=(proposed(asked, 0),)).n_points == 12
+
+
+@pytest.mark.parametrize("heads", ["Comment;Note", "Note;Note", "Displacement (um);Displacement (um)"])
+def test_several_headings_without_cells_may_be_ignored_one_by_one(heads: str, tmp_path: Path) -> None:
+    content = trace("Time (us)", str, motion=f"Displacement (um);{heads}")
+    said: tuple[Mapping, ...] = ()
+    while len(said) < 2 and (asked := refused(tmp_path, content, values=HELD, columns=said)):
+        said = (*said, proposed(asked, 0))
+    assert one(tmp_path, content, values=HELD, columns=said).n_points == 12
 
 
 def test_a_fault_of_all_rows_is_one_line(tmp_path: Path) -> None:

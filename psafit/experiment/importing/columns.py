@@ -230,21 +230,25 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Fa
 
 def _check_errors(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
     """A known error counts for all readings of a row, or each reading has one of its number and its condition."""
-    for name, read in ((name, chosen.of(of)) for name, of in ERROR_OF.items() if chosen.of(name)):
-        errors = chosen.of(name)
+    for name in (name for name in ERROR_OF if chosen.of(name) and chosen.readings):
+        errors, read = chosen.of(name), chosen.of(ERROR_OF[name])
         which, of_read = ([(c.heading.number, c.heading.at) for c in same] for same in (errors, read))
         plain = all(same == (None, ()) for same in which)
         if (
             which == of_read
-            or (plain and len(which) in (1, len(read)))
+            or (read and plain and len(which) in (1, len(read)))
             or (len(which) == len(read) == 1 and not which[0][1])
         ):
             continue
         are = f"column {errors[0].name} is" if len(errors) == 1 else f"columns {listed(c.name for c in errors)} are"
-        what = f"{are} {name} of some readings, and would count for others"
-        remedy = f"say {' '.join(dict.fromkeys(option(c.option, IGNORED) for c in errors))}"
-        remedy = f"{remedy}, or give {listed(c.name for c in read)} one each, with its number or condition"
-        faults.add(fault(grid, head, what, f"{remedy}, in the same order"))
+        what, remedy = f"{are} {name}, and none is {ERROR_OF[name]}", ""
+        if read:
+            what = f"{are} {name} of some readings, and would count for others"
+            remedy = (
+                f", or give {listed(c.name for c in read)} one each, with its number or condition, in the same order"
+            )
+        ignored = " ".join(dict.fromkeys(option(c.option, IGNORED) for c in errors))
+        faults.add(fault(grid, head, what, f"say {ignored}{remedy}"))
 
 
 def _check_numbers(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:

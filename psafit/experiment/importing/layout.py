@@ -358,7 +358,8 @@ def body(grid: Grid, head: Head, needed: Sequence[int], options: Options) -> Bod
     faults.end()
     n = _in_rows(grid, head, options)
     if rows and head.line and not grid.sheet and (widest := max(row.width for row in rows)) < n:
-        remedy = f"give each column one heading, or say --column {shlex.quote(f'{again[-1]}={IGNORED}')}"
+        last = str(n) if head.headings[n - 1].repeats else again[n - 1]
+        remedy = f"give each column one heading, or say --column {shlex.quote(f'{last}={IGNORED}')}"
         fault(f"{len(again)} headings, and no row of more than {widest} cells", remedy, head.line)
         faults.end()
     if not rows:

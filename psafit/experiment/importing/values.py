@@ -93,7 +93,8 @@ def readings(
             faults.add(read_columns[0], what, remedy, row.line)
         others = {c.column: v for c, v in values.items() if c not in repeated and v is not None}
         known_in = [{c.column for c in read} | others.keys() for read in repetitions]
-        for name in dict.fromkeys(c.column for c in values if c.column in ERROR_OF):
+        errors = dict.fromkeys(c.column for c in values if c.column in ERROR_OF)
+        for name in errors if faults.count == before else ():
             if any(ERROR_OF[name] in there and name not in there for there in known_in):
                 faults.add(name, "is empty", "enter the known error of the reading, or ignore the column", row.line)
         for read in repetitions if faults.count == before else ():
