@@ -626,7 +626,10 @@ def test_a_known_error_is_proposed_in_print(printed: Callable[[str], str]) -> No
     [
         ("Sample Rate: 200 kHz", "say --step 5:us, as line 1 says, or"),
         ("# Sample period = 5e-6 s", "say --step 5:us, as line 1 says, or"),
-        ("Sample period: 5", "say the step that line 1 gives, with its unit: --step NUMBER:us, or"),
+        (
+            "Sample period: 5",
+            "say the step, which does not follow from 'Sample period: 5' (line 1): --step NUMBER:us, or",
+        ),
         ("Run 3", "say its step, such as --step 1:us, or"),
     ],
 )

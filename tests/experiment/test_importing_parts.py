@@ -53,8 +53,11 @@ COUNTERS = {
 
 @pytest.mark.parametrize("name", ["Sample", "Index", ""])
 @pytest.mark.parametrize("counts", COUNTERS.values(), ids=COUNTERS.keys())
-def test_a_counter_that_does_not_count_the_rows_is_asked_about(name: str, counts: list[int], tmp_path: Path) -> None:
-    content = trace(name or " ", lambda k: str(counts[k]))
+@pytest.mark.parametrize("form", ["{}", "{}.0"])
+def test_a_counter_that_does_not_count_the_rows_is_asked_about(
+    name: str, counts: list[int], form: str, tmp_path: Path
+) -> None:
+    content = trace(name or " ", lambda k: form.format(counts[k]))
     said: dict[str, Any] = {"values": HELD, "start_us": 0.0}
     asked = refused(tmp_path, content, **said, step_us=Decimal(2))
     assert f"counts from {counts[0]} to {counts[-1]}, and there are 12 samples" in asked and "without --step" in asked
@@ -65,9 +68,10 @@ def test_a_counter_that_does_not_count_the_rows_is_asked_about(name: str, counts
     assert by_row.time_us is not None and by_row.time_us.tolist() == [2.0 * k for k in range(12)]
 
 
+@pytest.mark.parametrize("form", ["{}", "{:03d}", "{}.0", "{:.3e}"])
 @pytest.mark.parametrize("first", [0, 1])
-def test_a_counter_of_the_rows_changes_nothing(first: int, tmp_path: Path) -> None:
-    content = trace("Sample;Level", lambda k: f"{k + first};{7 * (k % 2)}")
+def test_a_counter_of_the_rows_changes_nothing(first: int, form: str, tmp_path: Path) -> None:
+    content = trace("Sample;Level", lambda k: f"{form.format(k + first)};{7 * (k % 2)}")
     group = one(tmp_path, content, values=HELD, start_us=0.0, step_us=Decimal(2))
     assert group.time_us is not None and group.time_us.tolist() == [2.0 * k for k in range(12)]
 
@@ -88,7 +92,7 @@ def test_a_step_of_samples_that_were_thinned_is_asked_for(line: str, tmp_path: P
     asked = refused(tmp_path, content, **said)
     assert "does not follow from" in asked and "(line 1), 'Sample Rate: 100 kHz' (line 2); say their step" in asked
     speeds = refused(tmp_path, content.replace("Displacement (um)", "Velocity (mm/s)"), **said)
-    assert "say the step that line 1 gives" in speeds
+    assert "say the step, which does not follow from" in speeds and "(line 2): --step NUMBER:us, or" in speeds
     group = one(tmp_path, content, **said, step_us=Decimal(100))
     assert group.time_us is not None and group.time_us[1] == 100.0
     none = one(tmp_path, re.sub(r"\d+\n", "1\n", content, count=1), **said)

@@ -28,9 +28,9 @@ from psafit.experiment.importing.chosen import (
     role,
 )
 from psafit.experiment.importing.grid import Grid
-from psafit.experiment.importing.layout import Head, counts_rows, labels_above, names, waveform_places
+from psafit.experiment.importing.layout import Head, labels_above, names, waveform_places
 from psafit.experiment.importing.matters import check_matters
-from psafit.experiment.importing.numerals import is_number, likeliest
+from psafit.experiment.importing.numerals import counts_rows, is_number, likeliest, whole
 from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, missing_conditions, voltages
 from psafit.experiment.importing.quantities import (
     COLUMNS,
@@ -187,7 +187,7 @@ def _check_unnamed(grid: Grid, head: Head, found: Iterable[Column], faults: Faul
         filled = cells(grid, head, column.place)
         if column.heading.text or column.mapped or not head.line or not any(map(is_number, filled)):
             continue
-        if column.place == 0 and counts_rows([str(cell) for cell in filled]):
+        if column.place == 0 and counts_rows(whole([str(cell) for cell in filled])):
             continue
         number = str(column.place + 1)
         what = f"column {number} holds numbers and has no heading"

@@ -106,11 +106,6 @@ def labels_above(grid: Grid, head: Head, places: Sequence[int]) -> list[str]:
     return list(labels) if len(labels) > 1 else []
 
 
-def counts_rows(texts: Sequence[str]) -> bool:
-    """Whether texts number their rows, from 0 or 1."""
-    return list(texts) in ([str(k + first) for k in range(len(texts))] for first in (0, 1))
-
-
 def is_comment(text: str) -> bool:
     """Whether a row that begins with this text is a comment."""
     return text.startswith(COMMENTS) and text.upper() not in CELL_ERRORS

@@ -86,6 +86,19 @@ def ambiguous(cells: Sequence[tuple[int, Cell]]) -> tuple[int, str, tuple[Decima
     return found
 
 
+def whole(texts: Sequence[str]) -> list[int]:
+    """Texts as whole numbers; empty where one of them is none."""
+    notation = likeliest(texts)
+    values = [notation.value(text) for text in texts]
+    found = [int(value) for value in values if value is not None and value == int(value)]
+    return found if len(found) == len(values) else []
+
+
+def counts_rows(numbers: Sequence[int]) -> bool:
+    """Whether whole numbers are those of their rows, from 0 or 1."""
+    return numbers[:1] in ([0], [1]) and list(numbers) == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
 def likeliest(cells: Sequence[Cell]) -> Notation:
     """The notation in which most cells are numbers."""
     return max(NOTATIONS.values(), key=lambda n: sum(n.number(cell) is not None for cell in cells))

@@ -22,8 +22,8 @@ from psafit.experiment.importing.chosen import (
 )
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
-from psafit.experiment.importing.layout import Head, body, counts_rows, names
-from psafit.experiment.importing.numerals import NOTATIONS, is_number
+from psafit.experiment.importing.layout import Head, body, names
+from psafit.experiment.importing.numerals import NOTATIONS, counts_rows, is_number, whole
 from psafit.experiment.importing.over_time import clock
 from psafit.experiment.importing.quantities import BLANKS, CLOCK_UNITS, COLUMNS, COMMENTS, STEPS, THINNED, Quantity
 from psafit.experiment.importing.records import IGNORED, Mapping, Options
@@ -35,7 +35,6 @@ STEP = "--step"
 """What a column of counts is called, where that option gives the step."""
 # A name and what is said of it; a number and its unit. Cells are joined by "=".
 _SAYS = re.compile(r"\s*[=:;,|]\s*|\s+(?=[+.]?\d)")
-_WHOLE = re.compile(r"[+-]?\d{1,18}", re.ASCII)
 _VALUE = re.compile(r"\+?([\d.,]*\d(?:[eE][+-]?\d+)?)[\s=;,|]*(\D.*)?", re.ASCII)
 
 
@@ -90,13 +89,13 @@ def _check_counter(
     """A column that counts samples counts the rows: where it does not, rows are missing, or are of other steps."""
     said = {place for m in options.columns for place in names(m, head.headings)}
     for place in (k for k in others if k not in said and head.unit(k) is None):
-        texts = [row.texts[place] if place < len(row.texts) else "" for row in rows]
-        if len(texts) < 2 or counts_rows(texts) or not all(map(_WHOLE.fullmatch, texts)):
+        counts = whole([row.texts[place] if place < len(row.texts) else "" for row in rows])
+        if len(counts) < 2 or counts_rows(counts):
             continue
-        ((usual, n),) = Counter(int(b) - int(a) for a, b in pairwise(texts)).most_common(1)
-        if usual > 0 and 2 * n > len(texts):
+        ((usual, n),) = Counter(b - a for a, b in pairwise(counts)).most_common(1)
+        if usual > 0 and 2 * n > len(counts):
             column = Column(place, head.headings[place], "")
-            what = f"column {column.name} counts from {texts[0]} to {texts[-1]}, and there are {len(texts)} samples"
+            what = f"column {column.name} counts from {counts[0]} to {counts[-1]}, and there are {len(counts)} samples"
             alone = " without --step" if options.step_us else ""
             remedy = f"say {option(column.option, TIME, f'{step:f}us')}{alone}, if {step:f} us is a step of that count"
             remedy = f"{remedy}, or {option(column.option, IGNORED)} if it is from row to row"
@@ -143,7 +142,7 @@ def _moving(grid: Grid, head: Head, options: Options, could: Sequence[Sequence[Q
         stated = list(_lines(grid, head))
         clear = all(step for _, _, step in stated)
         steps = {step: f"say --step {step:f}:us, as line {line} says" for line, _, step in stated if step and clear}
-        unclear = f"say the step that line {stated[0][0]} gives, with its unit: --step NUMBER:us" if stated else ""
+        unclear = f"say the step, which does not follow from {_cited(stated)}: --step NUMBER:us" if stated else ""
         remedy = (found and found[1]) or " or ".join(steps.values()) or unclear or "say its step, such as --step 1:us"
         raise fault(grid, head, what, f"{remedy.rstrip(',')}, or {option(column.option, launch)}")
     return []
@@ -180,8 +179,7 @@ def _stated(grid: Grid, head: Head, places: Sequence[int], options: Options) -> 
     else:
         remedy = f"say their step, --step 1:us, or their rate, --step 1:MHz; of a time that is there {remedy[4:]}"
     if said and not near:
-        lines = listed(f"{shown(text)} (line {line})" for line, text, _ in said)
-        what = f"{what}; their step does not follow from {lines}"
+        what = f"{what}; their step does not follow from {_cited(said)}"
     raise fault(grid, head, what, remedy)
 
 
@@ -198,6 +196,10 @@ def _lines(grid: Grid, head: Head) -> Iterator[tuple[int, str, Decimal | None]]:
         units = {found[2]} if found and found[2] else {named.unit.text} if named.unit else clocks
         steps = {spacing(v, u, STEPS[named.name]) for v in values for u in units}
         yield row.line, " ".join(filter(None, row.texts)), steps.pop() if len(steps) == 1 else None
+
+
+def _cited(said: Sequence[tuple[int, str, Decimal | None]]) -> str:
+    return listed(f"{shown(text)} (line {line})" for line, text, _ in said)
 
 
 def _above(grid: Grid, head: Head) -> list[tuple[Row, Heading, str]]:
