@@ -169,6 +169,17 @@ def test_a_waveform_of_a_heading_is_that_of_the_drive(heads: tuple[str, str], tm
     assert one(tmp_path, content, columns=each[1:], waveforms=("square",)).waveform == "square"
 
 
+def test_a_waveform_of_a_heading_goes_before_a_column_of_waveforms(tmp_path: Path) -> None:
+    content = "f (Hz);U (Vp);Waveform;Range sine (um)\n100;20;square;3\n"
+    mapped = (Mapping("Range sine (um)", "launch_range_um"),)
+    asked = refused(tmp_path, content, columns=mapped, waveforms=())
+    assert "is of a sine by its heading, and column 'Waveform' gives waveforms" in asked
+    assert "say --column Waveform=ignore --waveform sine, or" in asked
+    assert one(tmp_path, content, columns=(*mapped, proposed(asked, 0))).waveform == "sine"
+    none = content.replace("Waveform", "Run").replace("square", "1")
+    assert "nothing says which waveform" in refused(tmp_path, none, columns=mapped, waveforms=())
+
+
 # --- known errors of repetitions ----------------------------------------------------------------------------------
 
 PAIRED = {

@@ -368,11 +368,13 @@ def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options)
     if given == TABLE and not recorded and not options.drive:
         what, remedy = "no column is a recorded drive", f"say --drive FILE, or of a trace {option('CH1', VOLTAGE, 'V')}"
         raise InputError(what, remedy, file=grid.file, line=line)
-    for c in chosen.columns if not recorded and given != TABLE else ():
+    for c in chosen.columns if column or given not in ("", TABLE) else ():
         if c.column in COLUMNS and (said := named_waveform(c.heading)) and said != given:
-            what = f"column {c.name} is of a {said} by its heading, and the waveform is {given or 'another'}"
-            remedy = f"say --waveform {said}, or {option(c.option, IGNORED)}, and give each waveform a file of its own"
-            raise InputError(what, remedy, file=grid.file, line=line)
+            other = f"the waveform is {given}" if given else f"column {column[0].name} gives waveforms"
+            what = f"column {c.name} is of a {said} by its heading, and {other}"
+            alone = "" if given else f"{option(column[0].option, IGNORED)} "
+            remedy = f"say {alone}--waveform {said}, or {option(c.option, IGNORED)}"
+            raise InputError(what, f"{remedy}, and give each waveform a file of its own", file=grid.file, line=line)
     if not (recorded or column or given):
         remedy = f"say --waveform NAME, of {listed(NAMES)}; of several tables --waveform sine,square"
         if chosen.traced:
