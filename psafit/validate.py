@@ -88,7 +88,7 @@ class Prediction:
         below zero.
     pit_p_value, drift_p_value : float
         Share of groups simulated from the posterior whose PIT is as far from uniform, and as correlated between
-        neighbours in the sweep; NaN where there are too few readings above zero.
+        neighbours in the sweep; NaN where too few readings are above zero, or nothing drives them.
     """
 
     group: Group
@@ -188,7 +188,7 @@ def departures(pit: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def p_values(group: Group, pit: FloatArray, simulated: FloatArray) -> tuple[float, float]:
     """Ranks of a group's `departures` among those of simulated groups, whose transforms are (n_sets, n_points)."""
-    if too_few(group):
+    if why_uninformative(group):
         return math.nan, math.nan
     n, sweep = len(simulated), group.in_sweep
     simulated = simulated[:, sweep]
@@ -316,7 +316,7 @@ def _predicted(
         noise.at_least(np.median(scatter, axis=0)[None])[0] and np.mean(ndtri(np.clip(pit, 1e-9, 1 - 1e-9)) ** 2) < 1.0
     )
     pit_p_value, drift_p_value = math.nan, math.nan
-    if not (quiet or too_few(group)):
+    if not (quiet or why_uninformative(group)):
         more = -(-n_simulated // len(draws)) - 1
         others = [noise.draw(ranges, scatter, group.sigma, chance) for _ in range(more)]
         simulated = np.concatenate([readings, *others])
@@ -363,15 +363,10 @@ def without_each(problem: Problem, draws: FloatArray, group_ids: Sequence[GroupI
     return found
 
 
-def why_uninformative(group: Group) -> str:
+def why_uninformative(group: Group, least: int = 3) -> str:
     """Why a group cannot separate a good prediction from a bad one; empty where it can."""
     if not group.amplitude_v.any():
         return "nothing drives it"
-    return too_few(group)
-
-
-def too_few(group: Group, least: int = 3) -> str:
-    """Why a group has too few readings to show anything; empty where it has enough."""
     few = np.count_nonzero(group.reading) < least
     return f"fewer than {least} of its readings are above zero" if few else ""
 
@@ -456,7 +451,7 @@ Predicts = Literal["not tested", "yes", "not everywhere", "too sure", "too unsur
 
 
 def predicts(validation: Validation) -> Predicts:
-    """Whether a fit predicts what it has not seen: only where errors, bands and order are right in every group."""
+    """Whether a fit predicts what it has not seen: yes where errors, bands and trends of no group speak against it."""
     mean, unseen = validation.holdout_log_rmse, _unseen(validation.groups)
     if mean is None or not unseen:
         return "not tested"
@@ -509,7 +504,7 @@ def _narrow(score: GroupScore) -> bool:
 
 
 def _wide(score: GroupScore) -> bool:
-    """Whether the band of one group holds more of its readings than it should, and their order in it says so, too."""
+    """Whether the band of one group holds more of its readings than it should, and their PIT is not uniform."""
     excess = score.coverage_90 - 0.9
     return score.n_points >= JUDGED and excess > _slack(score.n_points) and score.pit_p_value < LEVEL
 

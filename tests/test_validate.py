@@ -350,8 +350,9 @@ def test_the_order_of_the_file_is_not_the_order_of_the_sweep() -> None:
     for order in (np.arange(60), rng.permutation(60)):
         group = Group(1, "sine", "x", ascending[order], np.full(60, 5.0), np.full(60, 9.0))
         assert validate.p_values(group, pit[order], draws)[1] < 0.01
-    nothing = Group(1, "sine", "x", ascending, np.full(60, 5.0), np.zeros(60))
-    assert np.isnan(validate.p_values(nothing, pit, draws)).all()
+    for volts, reading in ((5.0, 0.0), (0.0, 9.0)):
+        nothing = Group(1, "sine", "x", ascending, np.full(60, volts), np.full(60, reading))
+        assert np.isnan(validate.p_values(nothing, pit, draws)).all()
 
 
 def test_validation_reads_back(checked) -> None:  # type: ignore[no-untyped-def]

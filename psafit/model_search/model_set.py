@@ -118,8 +118,7 @@ class ModelSet:
     def looked_at(self) -> LookedAt:
         """What the search has looked at."""
         estimated = [ids for ids in self.probability if ids not in self.samples]
-        mass = sum(self.probability[ids] for ids in estimated)
-        return LookedAt(len(self.probability), len(estimated), mass)
+        return LookedAt(len(self.probability), len(estimated), sum(self.probability[ids] for ids in estimated))
 
     def draws(self, ids: Ids, seed: int) -> ImportanceSample:
         """Posterior draws of a model; worked out for one that the search did not sample."""

@@ -216,8 +216,8 @@ def verdict_of(validation: Validation) -> dict[str, str]:
 def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     named = zip(fit_pictures.names_of(validation), validation.groups, strict=True)
     trending = [s for role in ("fit", "holdout") for s in trends(_of_role(validation, role))]
-    drifting = [name for name, s in named if s.informative and s in trending]
-    able = [s for s in validation.groups if s.informative and shows_trends(s)]
+    drifting = [name for name, s in named if s in trending]
+    able = [s for s in validation.groups if shows_trends(s)]
     some = "" if len(able) == len(validation.groups) else f" ({len(able)} of {len(validation.groups)})"
     trend = Markup("{} a trend that the model misses; <code>psafit diagnose</code> looks for more than trends.").format(
         f"No sweep that could show it{some} shows" if able else "No sweep has readings enough to show"
