@@ -63,7 +63,7 @@ class LookedAt:
     mass_not_looked_at: float
 
     def no_other(self, causes: int, most: int, what: str = "set") -> str:
-        """Return who does not do as well as a set of so many causes: no other, or none of those that were looked at.
+        """Return which sets do not do as well as one of so many causes: no other, or none that was looked at.
 
         Sets of more than `most` causes were not.
         """

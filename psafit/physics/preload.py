@@ -59,8 +59,8 @@ TERM = Term(
             prior=Tailed(Normal(0.0, 4e-3)),
             description="distance of the pendulum's equilibrium behind the ball's place of rest",
             source="whoever wants contact at every launch sets the frame some millimetres in; 4 mm is 2.5 degrees of a"
-            " 90 mm string (an estimate; a micrometre stage sets 10 um). A string at 30 degrees, which has half of"
-            " its length, is no pendulum any more: that of a rig is the bound there; 0.5 m is that of a metre",
+            " 90 mm string (an estimate; a micrometre stage sets 10 um). Leans end at half of the string's"
+            " length, 30 degrees, where it is no pendulum any more; 0.5 m is half of a string of a metre",
             neutral=0.0,
         ),
     ),

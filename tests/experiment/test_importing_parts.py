@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from imported import refused, tables
 
-from psafit.cli.importing import import_files
 from psafit.errors import InputError
 from psafit.experiment import Group
 from psafit.experiment.importing import Mapping, Options, read_files
@@ -280,9 +279,8 @@ def test_units_of_another_line_are_none(tmp_path: Path) -> None:
 def test_japanese_text_is_read_with_the_encoding_that_the_line_names(tmp_path: Path) -> None:
     file = tmp_path / "in.csv"
     file.write_bytes("測定,良好\nFrequency(kHz),Voltage(Vpp),Range(um)\n1.0,20,3\n".encode("cp932"))
-    with pytest.raises(InputError, match="--encoding cp850, or cp932 of Japanese") as caught:
+    with pytest.raises(InputError, match="--encoding cp850, or cp932 of Japanese"):
         read_files([file], Options(waveforms=("sine",)))
-    assert import_files.name == "import" and "\n" not in str(caught.value)
     (table,) = read_files([file], Options(waveforms=("sine",), encoding="cp932"))
     assert table.groups[0].frequency_hz.tolist() == [1000.0]
 
