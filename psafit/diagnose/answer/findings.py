@@ -179,7 +179,7 @@ class Named(Statement):
     looked_at : LookedAt
     restricted : bool
     most : int
-        Causes of a set.
+        Causes that a set of the search has at most.
     """
 
     topic = "wrong"
