@@ -180,7 +180,7 @@ def _kind(named: Heading, below: Unit | None) -> str:
 def _without_headings(grid: Grid, options: Options) -> Head | None:
     """A table whose columns are all named by the user, by their numbers."""
     named = _used(options)
-    if not named or _by_name(options):
+    if _by_name(options):
         return None
     for index, row in enumerate(grid.rows):
         if _holds(row, options):

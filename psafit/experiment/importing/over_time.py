@@ -201,10 +201,10 @@ def voltages(grid: Grid, head: Head, found: Sequence[Column], options: Options, 
         else:
             known[column.place] = replace(column, column="")
             what = f"column {column.name} changes along a trace: it may be the drive over time, or another signal"
-            remedy = f"say {option(column.option, VOLTAGE, 'V')} or {option(column.option, IGNORED)}"
+            drive = option(column.option, VOLTAGE, "V")
             if not column.column:  # more is said of it than that it is a voltage
-                remedy = f"say {option(column.option, VOLTAGE, '20V/V')}, if one volt of it is 20 V at the stack, or "
-                remedy = f"{remedy}{option(column.option, IGNORED)}"
+                drive = f"{option(column.option, VOLTAGE, '20V/V')}, if one volt of it is 20 V at the stack,"
+            remedy = f"say {drive} or {option(column.option, IGNORED)}"
             remedy += f"; of launches, {option(times[0].option, IGNORED)}" if not times[0].mapped else ""
             if not is_said:
                 faults.add(fault(grid, head, what, remedy))
