@@ -292,6 +292,7 @@ def test_columns_of_one_quantity_by_their_numbers_keep_their_headings(tmp_path: 
     assert group.frequency_hz.tolist() == [1000.0, 2000.0] and group.reading.tolist() == [3.0, 4.0]
     bare = tuple(Mapping(str(k), "launch_range_um", Unit("um")) for k in (1, 2))
     assert one(tmp_path, "3;4\n5;6\n", columns=bare, values=HELD).reading.tolist() == [3.0, 4.0, 5.0, 6.0]
+    assert "no frequency_hz among the columns; say" in refused(tmp_path, "3;4\n5;6\n", columns=bare, values=HELD[1:])
 
 
 def test_units_below_headings_are_those_of_no_others(tmp_path: Path) -> None:

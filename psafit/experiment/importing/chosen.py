@@ -148,8 +148,8 @@ def in_volts(column: Column, head: Head) -> bool:
 
 
 def all_headings(head: Head) -> str:
-    """All headings, for a message."""
-    return listed(shown(h.text) for h in head.headings if h.text)
+    """All headings, for a message; the columns where there are none."""
+    return listed(shown(h.text) for h in head.headings if h.text) or "the columns"
 
 
 def example(column: str) -> str:

@@ -169,7 +169,7 @@ def _stated(grid: Grid, head: Head, places: Sequence[int], options: Options) -> 
     near = nearest(others, head, TIME)
     if not near and len({step for _, _, step in said}) == 1 and (step := said[0][2]):
         return said[0][1], step
-    what = f"samples, and no {TIME} among {all_headings(head) or 'the columns'}"
+    what = f"samples, and no {TIME} among {all_headings(head)}"
     found = clock(grid, head, others, options)
     remedy = f"say {option(near.option if near else 'NAME', TIME, '' if near else 'us')}"
     if near:
