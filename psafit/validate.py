@@ -459,9 +459,9 @@ def predicts(validation: Validation) -> Predicts:
         return "roughly" if mean <= FAIR else "no"
     if _off(unseen):
         return "not everywhere"
-    if too_narrow(unseen) or any(map(_narrow, unseen)):
+    if too_narrow(unseen) or _of_band("narrow", unseen):
         return "too sure"
-    if any(map(_wide, unseen)):
+    if _of_band("wide", unseen):
         return "too unsure"
     return "misses a trend" if trends(unseen) else "yes"
 
@@ -475,13 +475,13 @@ def caution(validation: Validation) -> str:
     unseen = _unseen(validation.groups)
     if unseen and too_narrow(unseen):
         return "its 90 % band holds too few of the unseen readings"
-    if narrow := [s for s in unseen if _narrow(s)]:
+    if narrow := _of_band("narrow", unseen):
         return f"its 90 % band holds too few of the readings of unseen group {_ids(narrow)}"
     if trend := trends(unseen):
         return f"the errors of unseen group {_ids(trend)} drift"
     if off := _off(unseen):
         return f"unseen group {_ids(off)} is {'missed' if max(s.log_rmse for s in off) > FAIR else 'roughly followed'}"
-    if wide := [s for s in unseen if _wide(s)]:
+    if wide := _of_band("wide", unseen):
         return f"its 90 % band holds too many of the readings of unseen group {_ids(wide)}"
     mean = validation.holdout_log_rmse
     if mean is not None and mean > GOOD:
@@ -498,15 +498,15 @@ def _unseen(scores: Iterable[GroupScore]) -> list[GroupScore]:
     return [s for s in scores if s.role == "holdout" and s.informative]
 
 
-def _narrow(score: GroupScore) -> bool:
-    """Whether the band of one group, which has readings enough, holds too few of them."""
-    return score.n_points >= JUDGED and too_narrow([score])
+def _of_band(band: str, scores: Iterable[GroupScore]) -> list[GroupScore]:
+    return [s for s in scores if _band(s.coverage_90, s.n_points, s.pit_p_value) == band]
 
 
-def _wide(score: GroupScore) -> bool:
-    """Whether the band of one group holds more of its readings than it should, and their PIT is not uniform."""
-    excess = score.coverage_90 - 0.9
-    return score.n_points >= JUDGED and excess > _slack(score.n_points) and score.pit_p_value < LEVEL
+def _band(coverage: float, n: int, pit_p_value: float) -> Literal["", "narrow", "wide"]:
+    """Whether a band holds fewer readings than chance allows, or more of which the PIT is not uniform; if n suffice."""
+    if n < JUDGED or abs(coverage - 0.9) <= _slack(n):
+        return ""
+    return "narrow" if coverage < 0.9 else "wide" if pit_p_value < LEVEL else ""
 
 
 def _off(scores: Iterable[GroupScore]) -> list[GroupScore]:
@@ -557,8 +557,7 @@ def verdict(
     Of so many `looks` for a drift chance finds any in one case of a hundred.
     """
     rmse, n = root_mean_square(error), error.size
-    judged = n >= JUDGED
-    narrow = judged and coverage < 0.9 - _slack(n)
+    band = _band(coverage, n, pit_p_value)
     size = size_of(rmse, coverage, n, fitted=fitted)
     worst = int(np.argmax(np.abs(error)))
     ruled = n > 2 and error[worst] ** 2 > 0.5 * np.sum(error**2)
@@ -566,19 +565,19 @@ def verdict(
     other = _factor(root_mean_square(np.delete(error, worst))) if ruled else factor
     rest = f" ({other} but for one reading)" if other != factor else ""
     parts = [f"{size}, typically off by {factor}{rest}, {_direction(error)}"]
-    if not judged:
+    if n < JUDGED:
         return f"{parts[0]}; too few readings to judge its band"
     drifts = drift_p_value * looks < LEVEL
-    if narrow:
+    if band == "narrow":
         parts.append(f"its 90 % band holds only {fixed(coverage, per_cent=True)} % of the readings")
-    elif coverage > 0.9 + _slack(n) and pit_p_value < LEVEL:
+    elif band == "wide":
         parts.append(f"its 90 % band is too wide ({fixed(coverage, per_cent=True)} % of the readings inside)")
     elif pit_p_value < LEVEL:
         parts.append("its 90 % band is wide enough, but the readings are not spread over it as predicted")
     elif not drifts:
         parts.append("nothing speaks against its band")
     if drifts:
-        absorbed = "" if narrow else " that the scatter absorbs"
+        absorbed = "" if band == "narrow" else " that the scatter absorbs"
         parts.append(f"its errors drift along the sweep: the model misses a trend{absorbed}")
     return "; ".join(parts)
 
