@@ -67,7 +67,8 @@ def test_no_pair_of_causes_loses_a_launch() -> None:
         found = simulate(sweeps(), theta, chosen).launch_range
         finer = simulate(sweeps(), theta, chosen, path="stepper", tolerance=1e-2 * stepper.TOLERANCE).launch_range
         wrong = np.abs(found - finer) > 1e-3 * np.abs(finer) + 1e-11
-        differ += [(pair, theta[k].tolist(), found[k, j], finer[k, j]) for k, j in np.argwhere(wrong)]
+        # What grazes does so at many frequencies: it is counted once.
+        differ += [(pair, theta[k].tolist(), found[k], finer[k]) for k in np.flatnonzero(wrong.any(axis=1))]
     assert len(differ) <= 1, (seed, differ[:5])
 
 
