@@ -24,7 +24,7 @@ def problem():
 def test_a_strength_is_halved_from_each_bound_that_is_not_neutral():
     lag, phase, stroke = (terms([id])[0].strength for id in ("amplifier_lag", "start_phase", "stroke_tolerance"))
     assert lag.to_physical(halved(lag, np.arange(3))).tolist() == [[0.01, 0.005, 0.0025]]
-    assert phase.to_physical(halved(phase, np.arange(2))) == pytest.approx(np.pi / 2 * np.array([[-1, -0.5], [1, 0.5]]))
+    assert phase.to_physical(halved(phase, np.arange(2))) == pytest.approx(np.pi * np.array([[-1, -0.5], [1, 0.5]]))
     assert stroke.to_physical(halved(stroke, np.array([0, 40]))) == pytest.approx(np.array([[0.2, 1], [3, 1]]))
 
 
