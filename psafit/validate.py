@@ -372,8 +372,8 @@ def why_uninformative(group: Group, least: int = 3) -> str:
 
 
 def scores_of(predictions: Sequence[Prediction]) -> list[GroupScore]:
-    """Scores of all groups; drifts are judged over what was fitted, and over what was not."""
-    return [score(p, looks=_looks(other for other in predictions if other.role == p.role)) for p in predictions]
+    """Scores of all groups; drifts are judged as `trends` does."""
+    return [score(p, looks=_looks(predictions, p.role)) for p in predictions]
 
 
 def score(prediction: Prediction, *, looks: int = 1) -> GroupScore:
@@ -429,21 +429,21 @@ def _direction(error: FloatArray, one_sign: float = 0.70) -> str:
 
 def drifting(validation: Validation) -> bool:
     """Whether errors of what was fitted drift: the parameters may then stand in for what the model lacks."""
-    return bool(trends([s for s in validation.groups if s.role == "fit"]))
+    return any(s.role == "fit" for s in trends(validation.groups))
 
 
 def trends(scores: Sequence[GroupScore]) -> list[GroupScore]:
-    """Those of some groups, each of one observable, whose errors drift; chance finds any in one case of a hundred.
+    """Those of some groups, each of one observable, whose errors drift.
 
-    Bonferroni's bound: each is judged at the level over the number of those that can be judged.
+    Chance finds any among what was fitted in one case of a hundred, and any among what was not. Bonferroni's bound:
+    each is judged at the level over the number of those that can be judged.
     """
-    looks = _looks(scores)
-    return [s for s in scores if s.drift_p_value * looks < LEVEL]
+    return [s for s in scores if s.drift_p_value * _looks(scores, s.role) < LEVEL]
 
 
-def _looks(found: Iterable[GroupScore | Prediction]) -> int:
-    """How many of some groups' errors were looked at for a drift."""
-    return sum(math.isfinite(one.drift_p_value) for one in found)
+def _looks(found: Sequence[GroupScore] | Sequence[Prediction], role: str) -> int:
+    """How many groups of a role were looked at for a drift of their errors."""
+    return sum(math.isfinite(one.drift_p_value) for one in found if one.role == role)
 
 
 Predicts = Literal["not tested", "yes", "not everywhere", "too sure", "too unsure", "misses a trend", "roughly", "no"]

@@ -215,7 +215,7 @@ def verdict_of(validation: Validation) -> dict[str, str]:
 
 def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     named = zip(fit_pictures.names_of(validation), validation.groups, strict=True)
-    trending = [s for role in ("fit", "holdout") for s in trends(_of_role(validation, role))]
+    trending = trends(validation.groups)
     drifting = [name for name, s in named if s in trending]
     able = [s for s in validation.groups if shows_trends(s)]
     some = "" if len(able) == len(validation.groups) else f" ({len(able)} of {len(validation.groups)})"
@@ -231,13 +231,9 @@ def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     return Markup(" ").join([head, trend, _what_is_not_determined(run), *_what_is_implausible(run)])
 
 
-def _of_role(validation: Validation, role: str) -> list[GroupScore]:
-    return [s for s in validation.groups if s.role == role]
-
-
 def _informative(validation: Validation, role: str) -> list[GroupScore]:
     """The groups of a role that enter means; all of them where none shows anything."""
-    scores = _of_role(validation, role)
+    scores = [s for s in validation.groups if s.role == role]
     informative = [s for s in scores if s.informative]
     return informative if informative or role == "holdout" else scores
 
