@@ -46,7 +46,7 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
     """Validate an experiment folder and say what is in it."""
     from psafit.experiment import changes_text, describe
     from psafit.observables import OBSERVABLES
-    from psafit.physics import with_unit
+    from psafit.physics import label
     from psafit.prior_check import read as read_folder
 
     data = read_folder(experiment)
@@ -68,7 +68,7 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
             )
         for known in content["priors"]:
             origin = ", from [rig]" if known["derived"] else ""
-            click.echo(f"  prior of {with_unit(known['name'])}{origin}: {known['prior']} ({known['source']})")
+            click.echo(f"  prior of {label(known['name'])}{origin}: {known['prior']} ({known['source']})")
         for name, facts in content["lacking"].items():
             click.echo(f"  no prior of {name}, from [rig]: it needs {' and '.join(facts)}, too")
         warn(content["warnings"])

@@ -53,8 +53,8 @@ from psafit.physics import (
 from psafit.physics.term import SLOTS, Term, signature
 
 __all__ = [
-    "TERMS", "baseline", "informed", "meaning", "owner", "plugin_versions", "recorded", "signatures", "term", "terms",
-    "with_unit",
+    "TERMS", "baseline", "informed", "label", "meaning", "owner", "plugin_versions", "recorded", "signatures", "term",
+    "terms",
 ]  # fmt: skip
 
 _BUILT_IN: tuple[Term, ...] = tuple(
@@ -171,6 +171,7 @@ _VERSION = "plugin {}"
 # Last: a plugin that imports what builds on the registry fails, instead of leaving it without plugins.
 TERMS = with_plugins(_BUILT_IN)
 _OWNERS = {p.name: t.id for t in TERMS for p in t.parameters}
+_KNOWN = {p.name: p for p in (*baseline.PARAMETERS, *(p for t in TERMS for p in t.parameters))}
 
 
 def owner(name: str) -> str | None:
@@ -180,8 +181,7 @@ def owner(name: str) -> str | None:
 
 def meaning(name: str) -> str:
     """What a parameter of the baseline or of a cause of the catalogue stands for; empty where it is unknown."""
-    known = (*baseline.PARAMETERS, *(p for t in TERMS for p in t.parameters))
-    return next((p.description for p in known if p.name == name), "")
+    return _KNOWN[name].description if name in _KNOWN else ""
 
 
 def _refused(belief: Followed, reason: str) -> tuple[str, str]:
@@ -194,14 +194,13 @@ def _refused(belief: Followed, reason: str) -> tuple[str, str]:
     return what, f"correct the fact or its unit, or leave it out; a prior {reason}"
 
 
-def with_unit(name: str) -> str:
+def label(name: str) -> str:
     """A parameter of the baseline or of a cause with its unit, if it has one.
 
-    >>> with_unit("k_c"), with_unit("no_tension_s")
+    >>> label("k_c"), label("no_tension_s")
     ('k_c (N/m)', 'no_tension_s')
     """
-    every = (*baseline.PARAMETERS, *(p for t in TERMS for p in t.parameters))
-    unit = next((p.unit for p in every if p.name == name), "1")
+    unit = _KNOWN[name].unit if name in _KNOWN else "1"
     return name if unit == "1" else f"{name} ({unit})"
 
 

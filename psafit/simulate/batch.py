@@ -118,12 +118,12 @@ def rig_of(
     return rig
 
 
-def path_of(terms: Sequence[Term]) -> str:
-    """Say which path a model takes at plausible values."""
+def path_of(terms: Sequence[Term], *, quantile: float = 0.9) -> str:
+    """Say which path a model takes at plausible values: at this quantile of each prior."""
     probe = Setup.of(_ANY_RIG, np.ones((1, 3)))
     for term in terms:
         if term.setup:
-            values = [float(p.to_physical(p.prior_quantile(np.array(0.9)))) for p in term.parameters]
+            values = [float(p.to_physical(p.prior_quantile(np.array(quantile)))) for p in term.parameters]
             probe = term.setup(probe, np.array([[*values, *([0.0] if term.latent else [])]]))
     return "stepper" if any(t.stepped for t in terms) or _needs_steps(probe)[0] else "closed form"
 

@@ -13,7 +13,7 @@ from psafit.experiment import Experiment
 from psafit.inference.run_folder import load
 from psafit.numerics import audit
 from psafit.observables import OBSERVABLES
-from psafit.physics import with_unit
+from psafit.physics import label
 from psafit.report.diagnosis import answer, causes, gain, misfit, next_experiment, overview, remaining, words
 from psafit.report.diagnosis.shown import shown_groups
 from psafit.report.fit import numerics_content, write_report
@@ -100,7 +100,7 @@ def _facts(result: Diagnosis, experiment: Experiment) -> list[list[Any]]:
         facts.insert(2, ["Command", result.command])
     for head, derived in (("Priors that the experiment states", False), ("Priors that follow from [rig]", True)):
         if known := [
-            f"{with_unit(b.name)}: {b.describe()} ({b.source})" for b in experiment.beliefs if b.derived == derived
+            f"{label(b.name)}: {b.describe()} ({b.source})" for b in experiment.beliefs if b.derived == derived
         ]:
             facts.insert(2, [head, "; ".join(known)])
     return facts
