@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
-from psafit.drives import WAVEFORMS, Drive
+from psafit.drives import Drive, span_of
 from psafit.errors import InputError
 from psafit.experiment.rig import Rig, lacking
 from psafit.experiment.text import listed, one_line, shown
@@ -134,11 +134,10 @@ class Conditions:
     @property
     def volts(self) -> tuple[float, float]:
         """The least and the greatest voltage of all its launches, V."""
-        drive, form = self.drive, WAVEFORMS.get(self.drive.waveform)
+        drive = self.drive
         if drive.table is not None and drive.recorded:
             return float(drive.table.value.min()), float(drive.table.value.max())
-        span = form.span if form else drive.table.span if drive.table else (-1.0, 1.0)
-        reached = [drive.idle_v, *(drive.bias_v + level * float(self.amplitude_v.max()) for level in span)]
+        reached = [drive.idle_v, *(drive.bias_v + level * float(self.amplitude_v.max()) for level in span_of(drive))]
         return min(reached), max(reached)
 
     @property

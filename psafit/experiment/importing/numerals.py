@@ -60,11 +60,6 @@ class Notation:
         value, said = self.value(parts[1]), unit(parts[2])
         return None if value is None or said is None else Number(value, said)
 
-    def alone(self, cell: Cell) -> bool:
-        """Whether a cell holds a number in this notation and in no other."""
-        others = (n for n in NOTATIONS.values() if n is not self)
-        return self.number(cell) is not None and all(n.number(cell) is None for n in others)
-
 
 NOTATIONS = {".": Notation("."), ",": Notation(",")}
 
@@ -74,16 +69,9 @@ def is_number(cell: Cell) -> bool:
     return any(notation.number(cell) is not None for notation in NOTATIONS.values())
 
 
-def ambiguous(cells: Sequence[tuple[int, Cell]]) -> tuple[int, str, tuple[Decimal, Decimal]] | None:
-    """The first cell, given with their lines, that has two values where every cell is a number in both notations."""
-    found = None
-    for line, cell in cells:
-        point, comma = (notation.number(cell) for notation in NOTATIONS.values())
-        if point is None or comma is None:
-            return None
-        if found is None and point.value != comma.value:
-            found = line, str(cell), (point.value, comma.value)
-    return found
+def in_both(cell: Cell) -> tuple[Number | None, Number | None]:
+    """What a cell is with a decimal point, and with a decimal comma; None where it is no number."""
+    return NOTATIONS["."].number(cell), NOTATIONS[","].number(cell)
 
 
 def whole(texts: Sequence[str]) -> list[int]:

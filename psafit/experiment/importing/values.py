@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from itertools import zip_longest
 
-from psafit.drives import TABLE, WAVEFORMS, Drive, instead
+from psafit.drives import TABLE, WAVEFORMS, Drive, instead, span_of
 from psafit.errors import InputError
 from psafit.experiment.drive_table import level
 from psafit.experiment.importing.chosen import (
@@ -25,7 +25,7 @@ from psafit.experiment.importing.chosen import (
 )
 from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
 from psafit.experiment.importing.layout import Body, Head, waveform
-from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, ambiguous, likeliest
+from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, in_both
 from psafit.experiment.importing.over_time import OF_DAY
 from psafit.experiment.importing.quantities import COLUMNS, VOLTS, Volts, words
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
@@ -80,6 +80,7 @@ def readings(
     held, settings, read_columns = chosen.held(options), chosen.settings(options), chosen.readings
     found, times = [], _together(chosen)
     repeated = {c for time in times for c in time}
+    errors = dict.fromkeys(c.column for c in quantities if c.column in ERROR_OF)
     for row in body.rows:
         before = faults.count
         drive = options.drive_of(_waveform(row, chosen, waveform, options, faults), settings)
@@ -92,9 +93,8 @@ def readings(
             what, remedy = "is empty", "enter the value, or delete the row if nothing was read"
             faults.add(read_columns[0], what, remedy, row.line)
         others = {c.column: v for c, v in values.items() if c not in repeated and v is not None}
-        known_in = [{c.column for c in read} | others.keys() for read in repetitions]
-        errors = dict.fromkeys(c.column for c in values if c.column in ERROR_OF)
         for name in errors if faults.count == before else ():
+            known_in = [{c.column for c in read} | others.keys() for read in repetitions]
             if any(ERROR_OF[name] in there and name not in there for there in known_in):
                 faults.add(name, "is empty", "enter the known error of the reading, or ignore the column", row.line)
         for read in repetitions if faults.count == before else ():
@@ -212,18 +212,21 @@ def notation_of(grid: Grid, body: Body, columns: Sequence[Column], options: Opti
         Where it cannot be known, or where some are written in one way only and some in the other.
     """
     cells = [(row.line, cell) for row in body.rows for c in columns if text_of(cell := _cell(row, c))]
-    alone = [next(((line, cell) for line, cell in cells if n.alone(cell)), None) for n in NOTATIONS.values()]
-    if (point := alone[0]) and (comma := alone[1]):
+    read = [(line, cell, *in_both(cell)) for line, cell in cells]
+    point = next(((line, cell) for line, cell, one, other in read if one and not other), None)
+    comma = next(((line, cell) for line, cell, one, other in read if other and not one), None)
+    if point and comma:
         said = [f"{shown(str(cell))} (line {line})" for line, cell in (point, comma)]
         what = f"the numbers mix decimal marks: {said[0]} has a point, and {said[1]} a comma"
         raise InputError(what, "write all numbers in one way", file=grid.file, line=max(point[0], comma[0]))
     if options.decimal:
         return NOTATIONS[options.decimal]
-    if two := ambiguous(cells):
-        line, text, values = two
-        what = f"{shown(text)} may be {values[0]:f} or {values[1]:f}, and no other number of the file shows which"
+    both = [(line, cell, one.value, other.value) for line, cell, one, other in read if one and other]
+    if len(both) == len(read) and (two := next((b for b in both if b[2] != b[3]), None)):
+        line, cell, *values = two
+        what = f"{shown(str(cell))} may be {values[0]:f} or {values[1]:f}, and no other number of the file shows which"
         raise InputError(what, "say --decimal . or --decimal ,", file=grid.file, line=line)
-    return likeliest([cell for _, cell in cells])
+    return NOTATIONS["," if comma else "."]
 
 
 def _check_decimals(grid: Grid, body: Body, chosen: Chosen) -> None:
@@ -331,11 +334,11 @@ def _factor(number: Number, column: Column, drive: Drive, text: str) -> Decimal:
 
 def peak(volts: Volts, drive: Drive) -> Decimal:
     """Peak of a voltage that is 1 as it is counted."""
-    form = WAVEFORMS.get(drive.waveform)
     if volts != "rms":
         # An amplitude is counted from zero, of a unipolar waveform, too; of a drive recorded next to a trace half.
-        low, high = form.span if form else drive.table.span if drive.table else (-1.0, 1.0)
+        low, high = span_of(drive)
         return 1 / Decimal(high - low) if volts == "pp" else Decimal(1)
+    form = WAVEFORMS.get(drive.waveform)
     if form is None or form.crest_squared is None:
         raise CellFault(f"volts are RMS, and the peak of {drive.waveform} does not follow", "give them zero to peak")
     return Decimal(form.crest_squared).sqrt()
