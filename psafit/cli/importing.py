@@ -231,6 +231,7 @@ def _columns_text(table: Table) -> list[str]:
         said = shlex.quote(f"{heading}={known}")
         lines.append(f"  {heading!r} may hold the known error of each reading; if so, say --column {said}")
     lines += [f"  not used: {heading!r} is {column}, which psafit cannot use yet" for heading, column in table.not_yet]
+    lines += [f"  line {line} is not read: {text[:80]!r}; if it counts, {remedy}" for line, text, remedy in table.above]
     lines += [f"  line {line} left out: {text[:80]}" for line, text in table.left_out[:3]]
     if len(table.left_out) > 3:
         lines.append(f"  and {len(table.left_out) - 3} more lines left out")

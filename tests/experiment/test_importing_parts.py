@@ -365,7 +365,7 @@ def test_volts_that_are_counted_in_two_ways_are_asked_about(name: str, tmp_path:
     assert one(tmp_path, content, columns=mapped).amplitude_v.tolist() == [10.0]
 
 
-LABELLED = [";Sine;;Square", ";10 Vpp;;20 Vpp", "Ball A;;;Ball B", ";;;Square", ";day 1;;day 2"]
+LABELLED = [";Sine;;Square", ";Sine;;Square\n;;;", ";10 Vpp;;20 Vpp", "Ball A;;;Ball B", ";;;Square", ";day 1;;day 2"]
 
 
 @pytest.mark.parametrize("labels", LABELLED)
@@ -377,6 +377,17 @@ def test_labels_above_the_headings_part_columns_of_one_name(labels: str, tmp_pat
     assert one(tmp_path, content, columns=(proposed(asked, 0),)).reading.tolist() == [4.0]
     each = tuple(Mapping(str(k), "launch_range_um") for k in (2, 4))
     assert one(tmp_path, content, columns=each).reading.tolist() == [3.0, 4.0]
+
+
+def test_lines_above_the_headings_that_matter_to_the_drive_are_shown(tmp_path: Path) -> None:
+    """What is no such name, is given, or is a constant of the rig, which is asked for anyway, is not."""
+    lines = "# Amplifier gain: 20\nBurst cycles;5\n# Coupling: DC\n# Ball mass: 3 g\n"
+    content = f"{lines}f (Hz);Range (um);U (Vp)\n100;3;20\n"
+    volts = (1, "# Amplifier gain: 20", "give volts behind the amplifier")
+    (found,) = tables(tmp_path, content)
+    assert found.above == (volts, (2, "Burst cycles 5", "say --set cycles=NUMBER"))
+    (found,) = tables(tmp_path, content, values=(("cycles", 5.0),))
+    assert found.above == (volts,)
 
 
 @pytest.mark.parametrize("labels", ["Test 3;;;", "Hz;um;Vp;um", "Run;1;2;3", ";Ranges"])

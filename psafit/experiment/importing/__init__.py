@@ -35,6 +35,7 @@ from psafit.experiment.importing.layout import (
     number_rows,
     waveform_places,
 )
+from psafit.experiment.importing.matters import above
 from psafit.experiment.importing.numerals import is_number
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
 from psafit.experiment.importing.recorded import recorded
@@ -320,6 +321,7 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
         labelled=tuple(_labelled(chosen, rows.rows)),
         errors=tuple(_errors(chosen, head)),
         not_yet=tuple((c.title, c.column) for c in chosen.not_yet),
+        above=tuple(above(grid, head, options)),
         left_out=(*rows.left_out, *early),
         groups=tuple(groups),
     )

@@ -92,12 +92,12 @@ def named_waveform(named: Heading) -> str:
 
 
 def labels_above(grid: Grid, head: Head, places: Sequence[int]) -> list[str]:
-    """What stands in the row above the headings over these columns, where that parts them; units and numbers do not.
+    """What stands in the next row above the headings over these columns, where that parts them; no units, no numbers.
 
     A cell that is empty, as of cells that were merged, goes on to the left.
     """
-    at = next((k for k, row in enumerate(grid.rows) if row.line == head.line), 0)
-    texts = grid.rows[at - 1].texts if at else ()
+    above = [row.texts for row in grid.rows if row.line < head.line and not row.is_blank]
+    texts = above[-1] if above else ()
     if not texts or is_comment(texts[0]):
         return []
     said = [next(filter(None, reversed(texts[: place + 1])), "") for place in places]

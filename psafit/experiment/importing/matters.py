@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
+from operator import itemgetter
 
 from psafit.errors import Faults
 from psafit.experiment.importing.chosen import Chosen, Column, cells, fault, option
@@ -66,13 +69,17 @@ MATTERS = (
         remedy="give the voltage with --drive FILE, one period of it",
     ),
     Matter(
-        ("gain", "amplifier gain", "amp gain", "amplification", "verstärkung"),
+        ("gain", "amplifier", "amplifier gain", "amp gain", "amplification", "verstärkung", "verstärker"),
         nothing=1.0,
         remedy="give volts behind the amplifier",
     ),
     Matter(("attenuation", "attenuator"), nothing=1.0, remedy="give volts behind the attenuator"),
     Matter(
-        ("n burst", "periods per burst", "cycles per burst", "burst length", "pulses", "number of pulses"), "cycles"
+        (
+            "n burst", "burst cycles", "periods per burst", "cycles per burst", "burst length", "pulses",
+            "number of pulses",
+        ),
+        "cycles",
     ),
     Matter(("burst duration", "burst time", "on time"), kinds=("", "us"), remedy=_PERIODS),
     Matter(("burst", "burst length"), kinds=("us",), remedy=_PERIODS),
@@ -108,6 +115,22 @@ def check_matters(grid: Grid, head: Head, chosen: Chosen, options: Options, faul
             texts = _texts(grid, head, column) if unit is not None and not matter.column else []
             if any(number != matter.nothing for number in numbers) or not set(texts).issubset(matter.usual):
                 faults.add(fault(grid, head, *_asked(column, matter, unit or "", numbers)))
+
+
+def above(grid: Grid, head: Head, options: Options) -> Iterator[tuple[int, str, str]]:
+    """Lines above the headings whose first words name what matters to the drive: line, text and remedy.
+
+    Constants of the rig are asked for by themselves.
+    """
+    given = (*CONSTANT_UNITS, *options.held)
+    for row in takewhile(lambda row: row.line < head.line, grid.rows):
+        text = " ".join(filter(None, row.texts))
+        first = words(re.split("[:=]", next(filter(None, row.texts), ""))[0])
+        named = [(len(name), m) for m in MATTERS for name in m.names if f" {name} " in f" {first} "]
+        _, matter = max(named, key=itemgetter(0), default=(0, None))
+        if matter and not matter.flag and matter.column not in given:
+            unit = f":{_target(matter)}" if _target(matter) != COUNT else ""
+            yield row.line, text, f"say --set {matter.column}=NUMBER{unit}" if matter.column else matter.remedy
 
 
 def _target(matter: Matter) -> str:
@@ -156,4 +179,4 @@ def _asked(column: Column, matter: Matter, unit: str, numbers: Sequence[float]) 
     return f"column {column.name} is of the drive, and psafit has no such setting", f"{matter.remedy}, or say {ignored}"
 
 
-__all__ = ["check_matters"]
+__all__ = ["above", "check_matters"]

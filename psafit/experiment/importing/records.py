@@ -195,6 +195,8 @@ class Table:
         Those of them that may hold the known error of a reading, and what `--column` would call them.
     not_yet : tuple of (str, str)
         Headings that were recognised as a quantity that psafit cannot use, and that quantity.
+    above : tuple of (int, str, str)
+        What stands above the headings, may be of the drive or rig and is not read: line, text and remedy.
     left_out : tuple of (int, str)
         Rows that hold no reading: line and text.
     groups : tuple of Group
@@ -213,6 +215,7 @@ class Table:
     labelled: tuple[tuple[str, int], ...]
     errors: tuple[tuple[str, str], ...]
     not_yet: tuple[tuple[str, str], ...]
+    above: tuple[tuple[int, str, str], ...]
     left_out: tuple[tuple[int, str], ...]
     groups: tuple[Group, ...] = field(repr=False)
 
