@@ -33,11 +33,14 @@ _LOOK_UP_S = 1.0
 # For a scheduler's first worker to come. (How long the scheduler itself may take to answer is Dask's own setting.)
 _WORKERS_S = 60
 _CLIENT: ContextVar[Any] = ContextVar("client", default=None)  # of the Dask scheduler whose workers share work out
+_IS_SHARED: ContextVar[bool] = ContextVar("is_shared", default=False)  # whether this is one process of several
 _FOLDER = "psafit-{}-{}-"  # temporary, of a process that another one has started
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Cores that this process may use: one, where it works for another one."""
+    if _IS_SHARED.get():
+        return 1
     try:
         return int(joblib.cpu_count())
     except ValueError as error:
@@ -247,6 +250,7 @@ def _attended(owner: int, work: Callable[..., Any], call: tuple[Any, ...]) -> An
     """One call, in a process that `owner` has started; or in the owner itself, where joblib starts none."""
     if os.getpid() != owner:
         _attend()
+        _IS_SHARED.set(True)
     try:
         return work(*call)
     except Exception as error:

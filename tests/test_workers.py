@@ -53,6 +53,13 @@ def test_a_number_of_cores_that_is_none_is_reported(monkeypatch):
         cores()
 
 
+def test_one_of_several_processes_has_one_core():
+    """Or each data set of a campaign would start as many again."""
+    with processes(2) as jobs:
+        assert set(unordered(jobs, cores, [()] * 2)) == {1}
+    assert list(unordered(1, cores, [()])) == [cores()]
+
+
 def test_what_a_process_cannot_do_is_raised():
     with pytest.raises(FileNotFoundError):
         precompute(os.rmdir, [("no such folder",)] * 2, 2)
