@@ -589,6 +589,14 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
     -------
     Validation, list of Prediction
     """
+    record, predictions = scored(run, n_draws)
+    write_json(run.folder / "validation.json", record)
+    write_predictions(run.folder / "predictions.csv", predictions)
+    return record, predictions
+
+
+def scored(run: Run, n_draws: int = 1000) -> tuple[Validation, list[Prediction]]:
+    """Score every group, as `validate` does, and write nothing."""
     predictions = predict(run, n_draws=n_draws)
     scores = scores_of(predictions)
     held_out = [s.log_rmse for s in _unseen(scores)]
@@ -601,8 +609,6 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
         pit={p.group.label: p.pit.tolist() for p in predictions},
         laws=broken(candidate_at(run.problem, run.problem.to_sampling(run.best)[None])),
     )
-    write_json(run.folder / "validation.json", record)
-    write_predictions(run.folder / "predictions.csv", predictions)
     return record, predictions
 
 

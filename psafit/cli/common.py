@@ -107,6 +107,7 @@ class Group(click.Group):
 EXPERIMENT = click.argument("experiment", metavar="EXP", type=Place("input"))
 RUN = click.argument("run", metavar="RUN", type=Place("input"))
 SEED = click.option("--seed", type=click.IntRange(0, LARGEST_SEED), default=1, show_default=True)
+STANDING_IN = ": these values may stand in for what the model lacks"
 QUIET = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 JSON = click.option("--json", "json_file", metavar="FILE", type=Place("file"), help="Write the result to FILE as JSON.")
 PLUGIN = click.option(
@@ -199,7 +200,7 @@ def print_scores(validation: Any) -> None:
     from psafit.validate import caution, drifting
 
     if why := caution(validation):
-        click.echo(f"{why}: these values may stand in for what the model lacks")
+        click.echo(f"{why}{STANDING_IN}")
     if drifting(validation):
         click.echo(
             "a diagnosis weighs drifts more carefully: where one has named this model and found nothing left, go by it"

@@ -15,6 +15,7 @@ from psafit.cli.common import (
     JSON,
     PLUGIN,
     QUIET,
+    STANDING_IN,
     Command,
     Place,
     causes,
@@ -100,6 +101,7 @@ def simulate(
         tied = [] if ids or asked else rivals
         chosen = chosen or first[0]
         given = of_sessions(plan, *first, known, quiet, seed is not None) | asked
+    standing = _standing(run, quiet)
     ends = None if run is None or ids or asked else _intervals(run, plan)
     _say_of_conditions(chosen, groups, quiet)
     measured = [OBSERVABLES[k] for k in np.unique(np.concatenate([g.measured for g in groups]))]
@@ -131,7 +133,7 @@ def simulate(
         write_picture(groups, curves, plot)
         if not quiet:
             click.echo(f"picture: {shown_path(plot)}")
-    content = {"terms": [t.id for t in chosen], "parameters": theta, "engine": result.engine}
+    content = {"terms": [t.id for t in chosen], "parameters": theta, "engine": result.engine, **standing}
     write_result(json_file, content | _predictions(groups, predicted, ends))
     return DONE
 
@@ -143,6 +145,28 @@ def _say_of_conditions(chosen: Sequence[Term], groups: Sequence[Conditions], qui
     say_idle(idle(chosen, groups), err=True)
     for line in _taken_for_ranges(groups):
         click.echo(line, err=True)
+
+
+def _standing(run: Path | None, quiet: bool) -> dict[str, str]:
+    """What a run says of what it would predict: a diagnosis its verdict, a fit why not to rely on it, if anything."""
+    from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
+    from psafit.inference.run_folder import load
+    from psafit.records import read_json
+    from psafit.validate import caution, scored
+
+    if run is None:
+        return {}
+    if is_diagnosis(run):
+        found = read_json(run / RESULT, Diagnosis, sealed=True, remedy="repeat the diagnosis")
+        said = found.headline
+        if found.causes and found.verdict in ("ambiguous", "unexplained"):
+            said += f"; what is simulated is {' + '.join(found.causes[0].terms) or 'no cause'}"
+    else:
+        why = caution(scored(load(run))[0])
+        said = f"{why}{STANDING_IN}" if why else ""
+    if said and not quiet:
+        click.echo(f"{shown_path(run)}: {said}", err=True)
+    return {"run": said} if said else {}
 
 
 def _taken_for_ranges(groups: Sequence[Conditions]) -> list[str]:

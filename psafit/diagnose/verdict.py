@@ -46,7 +46,8 @@ class Verdict:
     unnamed : float
         Probability of a discrepancy without a name, added to what has one or in its place.
     inclusion : dict
-        Probability of each cause to be part of the truth, given that the catalogue holds it.
+        Probability of each cause to be part of the truth, given that the catalogue holds it; a set that the search may
+        have missed counts for none.
     by_likelihood : tuple of tuples of str
         Alternatives that fit as well and are not needed: what is plausible beforehand alone holds them back.
     unexplained_by : {"", "structure", "smooth", "law", "values"}
@@ -107,7 +108,7 @@ def conclude(
     # Given that the catalogue holds the truth: a discrepancy takes nothing from one cause against another.
     for ids, p in model_set.probability.items():
         for id in ids:
-            inclusion[id] = inclusion.get(id, 0.0) + p
+            inclusion[id] = inclusion.get(id, 0.0) + p * (1 - model_set.missed)
     nothing, mostly_unnamed = model_set.probability[()], unnamed > 0.5
     if before.sound and nothing >= 1 - CREDIBLE and not mostly_unnamed:
         return Verdict("adequate", (), (), probability, unnamed, inclusion)

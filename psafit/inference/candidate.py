@@ -111,11 +111,6 @@ class Candidate:
         """Laplace's approximation of each mode: inverse curvature within the bounds; (n_modes, n_dim, n_dim)."""
         return np.asarray(np.linalg.inv(within_bounds(self.problem, self.curvature)))
 
-    @cached_property
-    def laplace(self) -> float:
-        """Log evidence by Laplace's approximation: all modes together."""
-        return float(logsumexp(self.mass))
-
     @property
     def laplace_apart(self) -> float:
         """Laplace log evidence; what several ends of one mode have in common counts once.
@@ -347,7 +342,7 @@ def built_up(
             tried.append(fit(replace(problem, terms=larger), [best], seed=seed))
             done += 1
             progress(done, total)
-        best = max(tried, key=lambda c: c.laplace)
+        best = max(tried, key=lambda c: c.laplace_apart)
         left = [t for t in left if t not in best.terms]
     return best
 
@@ -466,8 +461,7 @@ def _weighty(candidate: Candidate, minor: float = 5.0) -> NDArray[np.intp]:
 
     A high and narrow one may have less than one that is seven nats lower.
     """
-    mass = candidate.log_posteriors - 0.5 * np.linalg.slogdet(within_bounds(candidate.problem, candidate.curvature))[1]
-    return np.flatnonzero(mass > mass.max() - minor)
+    return np.flatnonzero(candidate.mass > candidate.mass.max() - minor)
 
 
 def separate_modes(candidate: Candidate, *, apart: float = 4.0, valley: float = 2.0, points: int = 7) -> list[int]:

@@ -47,14 +47,19 @@ class RoundSettings:
         Of a round.
     least, most : int
         Rounds: at least, for the first proposals may not know all of a bent posterior yet, and at most.
-    effective : float
-        Effective draws at which it is enough.
+    effective, tail : float
+        Effective draws at which it is enough, where Pareto's k of the weights is below `tail`, too.
     """
 
     draws: int = 128
     least: int = 4
     most: int = 24
     effective: float = 150.0
+    tail: float = TRUSTED
+
+    def enough(self, pool: Pool) -> bool:
+        """Whether draws in a pool need no further round."""
+        return pool.effective > self.effective and (math.isinf(self.tail) or pool.pareto_k < self.tail)
 
 
 @dataclass(frozen=True)
@@ -81,7 +86,7 @@ class EmulatorSettings:
         Lost at twice that distance.
     """
 
-    rounds: RoundSettings = RoundSettings(draws=2048, most=10, effective=800.0)
+    rounds: RoundSettings = RoundSettings(draws=2048, most=10, effective=800.0, tail=math.inf)
     caution: float = 0.25
     near: float = 1.5
     freedom: tuple[float, ...] = (10.0, 3.0, 1.0, 0.3, 0.1)
@@ -339,16 +344,22 @@ class Pool:
         """Effective number of draws."""
         return float(1 / np.sum(self.weights**2))
 
+    @property
+    def pareto_k(self) -> float:
+        """Shape of the weights' tail."""
+        finite = np.isfinite(self.log_weight)
+        return store.pareto_k(self.log_weight[finite]) if finite.sum() > 25 else math.inf
+
     def sample(self) -> ImportanceSample:
         """The draws of any weight, and the evidence."""
         weights, count = self.weights, self.effective
-        finite = np.isfinite(self.log_weight)
-        k_hat = store.pareto_k(self.log_weight[finite]) if finite.sum() > 25 else math.inf
         error = float(np.sqrt(max(1 / count - 1 / self.n, 0.0)))
         kept = weights > 0
         best = int(np.argmax(self.log_posterior))
         top = float(self.log_posterior[best])
-        return ImportanceSample(self.u[kept], weights[kept], self.log_evidence, error, count, k_hat, self.u[best], top)
+        return ImportanceSample(
+            self.u[kept], weights[kept], self.log_evidence, error, count, self.pareto_k, self.u[best], top
+        )
 
 
 def sample_in_rounds(
@@ -372,7 +383,7 @@ def sample_in_rounds(
         u, h = np.concatenate([u, draws]), np.concatenate([h, log_posterior(draws)])
         share = np.array(rounds_of)[:, None]
         pool = Pool(u, h, h - logsumexp(density, axis=0, b=share) + math.log(share.sum()), n)
-        if len(proposals) == how.most or (len(proposals) >= how.least and pool.effective > how.effective):
+        if len(proposals) == how.most or (len(proposals) >= how.least and how.enough(pool)):
             return pool
         proposals.append(adapted(pool, proposals[-1]))
 

@@ -11,7 +11,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.inference.candidate import Candidate, candidate_at, fit, principal, united
 from psafit.inference.evidence import ImportanceSample, RoundSettings, importance_sample
-from psafit.inference.hopping import hopped
+from psafit.inference.hopping import HopSettings, hopped
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 
@@ -104,7 +104,8 @@ def sample(
 def first(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
     """Look for modes from what is known; parameters as of `sample`."""
     few = len(problem.terms) <= settings.from_prior
-    return hopped(fit(problem, known, seed=seed, draws=settings.draws, most=settings.starts, fresh=few), seed=seed)
+    found = fit(problem, known, seed=seed, draws=settings.draws, most=settings.starts, fresh=few)
+    return hopped(found, seed=seed, settings=HopSettings(better=settings.better))
 
 
 def second(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
@@ -116,7 +117,8 @@ def second(problem: Problem, known: Sequence[Candidate], *, seed: int, settings:
 
 def _alone(problem: Problem, seed: int, s: SampleSettings) -> Candidate:
     """Look for modes from the prior alone."""
-    return hopped(fit(problem, (), seed=seed, draws=s.alone_draws, most=s.alone_starts), seed=seed)
+    found = fit(problem, (), seed=seed, draws=s.alone_draws, most=s.alone_starts)
+    return hopped(found, seed=seed, settings=HopSettings(better=s.better))
 
 
 def joined(

@@ -333,13 +333,9 @@ def merged(problem: Problem, *candidates: Candidate) -> FloatArray:
 
 
 def _estimated(candidate: Candidate, before: Known | None = None) -> Known:
-    """A model that was fitted, with Laplace's evidence; one that has risen has no less of it than `before`."""
-    least, top = (-math.inf, -math.inf) if before is None else (before.log_evidence, before.content.top)
-    estimate = max(candidate.laplace_apart, least)
-    return Model(
-        candidate.ids,
-        estimate,
-        candidate.log_posterior,
-        False,
-        Fitted(candidate, None, max(candidate.log_posterior, top)),
-    )
+    """A model that was fitted, with Laplace's evidence; one that has risen has no less evidence than `before`."""
+    estimate, least, top = candidate.laplace_apart, -math.inf, candidate.log_posterior
+    if before is not None:
+        least, top = before.log_evidence if before.sampled else before.least, max(top, before.content.top)
+        estimate = estimate if before.sampled else max(estimate, before.log_evidence)
+    return Model(candidate.ids, estimate, candidate.log_posterior, False, Fitted(candidate, None, top), least=least)

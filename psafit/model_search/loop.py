@@ -6,9 +6,10 @@ exchanged, are fitted. The search ends when no model that shows is left whose es
 best; a model shows that exceeds every part of itself.
 
 What costs much waits. Models that are no larger come first: another cause in the place of one may do more than one
-cause more. Exchanges are fitted from where others have their optima, which is good to a window: those that come within
-two of the best are fitted like all others. So it is with larger neighbours, if they have more causes than fits find
-from the prior and are none of the best; there only those that show are fitted like others. The best of all models gets
+cause more. Exchanges are fitted from where others have their optima. Those that then come within the window of the best
+and twice what a short fit may fall short by (`short_by`) are fitted like all others. So it is with larger neighbours,
+if they have more causes than fits find from the prior and are none of the best; there only those that show are fitted
+like others. The best of all models gets
 its neighbours before it is sampled, if it shows for certain: one of them may leave it behind. What comes within the
 window only if its fit falls short is fitted in earnest; it is sampled if it then comes within the window.
 
@@ -75,6 +76,8 @@ class Model(Generic[Content]):
         Of a sampled model: what Laplace's approximation at the same optima exceeds its evidence by.
     earnest : bool
         Whether it was fitted with the work that a model takes which is sampled.
+    least : float, nats
+        Of a model that has risen since it was sampled: the log evidence that was found then.
     """
 
     ids: Ids
@@ -84,6 +87,7 @@ class Model(Generic[Content]):
     content: Content
     laplace_off: float = 0.0
     earnest: bool = False
+    least: float = -math.inf
 
 
 @dataclass(frozen=True)
@@ -134,10 +138,13 @@ class Searched(Generic[Content]):
         Every model fitted, by its causes.
     expanded : frozenset
         Those of which the neighbours were fitted: all of them, or all that may come near.
+    whole : bool
+        Whether all neighbours were fitted of every model that shows within the window.
     """
 
     models: Mapping[Ids, Model[Content]]
     expanded: frozenset[Ids]
+    whole: bool
 
 
 def exchanged(ids: Ids, catalogue: Sequence[str]) -> list[Ids]:
@@ -195,7 +202,7 @@ class _Known(Generic[Content]):
             return model.log_evidence
         sampled = [m for m in self._parts(model) if m.sampled]
         known = max(sampled, key=lambda m: (len(m.ids), m.log_evidence), default=None)
-        return model.log_evidence - (known.laplace_off if known else 0.0)
+        return max(model.log_evidence - (known.laplace_off if known else 0.0), model.least)
 
     def value(self, model: Model[Content]) -> float:
         """Log posterior probability, nats, not normalised."""
@@ -347,7 +354,12 @@ class _Known(Generic[Content]):
     def searched(self) -> Searched[Content]:
         """What was looked at."""
         final = {ids: replace(m, log_evidence=self.evidence(m)) for ids, m in self.models.items()}
-        return Searched(final, frozenset(ids for ids, done in self.done.items() if done == _KINDS))
+        shown = [m for m in self.models.values() if self.shows(m)]
+        least, most = max(map(self.value, shown)) - self.settings.window, self.settings.most_causes
+        near = [m.ids for m in shown if self.value(m) >= least]
+        wanted = (s for ids in near for s in (*exchanged(ids, self.catalogue), *enlarged(ids, self.catalogue, most)))
+        expanded = frozenset(ids for ids, done in self.done.items() if done == _KINDS)
+        return Searched(final, expanded, all(ids in final for ids in wanted))
 
 
 def search(

@@ -56,19 +56,24 @@ class LookedAt:
         Those of them of which the evidence is a short fit's estimate; the others were sampled.
     mass_not_looked_at : float
         Share of the probability that these estimates add up to. (A set that does not show is counted with its part.)
+    neighbours : bool
+        Whether all sets with a cause more, less or exchanged were fitted of every set that shows within the window; of
+        other sets than the best otherwise those that might come near.
     """
 
     fitted: int
     estimated: int
     mass_not_looked_at: float
+    neighbours: bool = True
 
     def no_other(self, causes: int, most: int, what: str = "set") -> str:
         """Return which sets do not do as well as one of so many causes: no other, or none that was looked at.
 
         Sets of more than `most` causes were not.
         """
-        sampled = "" if self.mass_not_looked_at < NEGLIGIBLE else " that was sampled"
-        return f"no other {what}{f' of at most {most} causes' if causes == most else ''}{sampled}"
+        seen = "" if self.neighbours else " that was looked at"
+        seen = seen if self.mass_not_looked_at < NEGLIGIBLE else " that was sampled"
+        return f"no other {what}{f' of at most {most} causes' if causes == most else ''}{seen}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +95,8 @@ class ModelSet:
         Chance that the search has missed the set that would lead.
     visible : float, nats
         Evidence that a larger set must add to count by itself.
+    neighbours : bool
+        As of `LookedAt`.
     """
 
     candidates: tuple[Candidate, ...]
@@ -99,6 +106,7 @@ class ModelSet:
     beliefs: Mapping[str, float]
     missed: float = 0.0
     visible: float = SearchSettings.visible
+    neighbours: bool = True
 
     def of(self, ids: Ids) -> Candidate:
         """The candidate with these causes."""
@@ -118,7 +126,8 @@ class ModelSet:
     def looked_at(self) -> LookedAt:
         """What the search has looked at."""
         estimated = [ids for ids in self.probability if ids not in self.samples]
-        return LookedAt(len(self.probability), len(estimated), sum(self.probability[ids] for ids in estimated))
+        mass = sum(self.probability[ids] for ids in estimated)
+        return LookedAt(len(self.probability), len(estimated), mass, self.neighbours)
 
     def draws(self, ids: Ids, seed: int) -> ImportanceSample:
         """Posterior draws of a model; worked out for one that the search did not sample."""
@@ -233,4 +242,5 @@ def rank(
         beliefs=beliefs,
         missed=settings.missed,
         visible=settings.visible,
+        neighbours=searched.whole,
     )

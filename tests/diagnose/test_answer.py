@@ -56,6 +56,8 @@ def test_only_what_was_looked_at_does_less_well() -> None:
     for mass, said in ((0.004, "no other set does as well"), (0.02, "no other set that was sampled does as well")):
         (named,) = of(replace(alone, looked_at=LookedAt(164, 151, mass)), Named)
         assert said in named.say(PLAIN)
+    (named,) = of(replace(alone, looked_at=LookedAt(164, 151, 0.004, neighbours=False)), Named)
+    assert "no other set that was looked at does as well" in named.say(PLAIN)
     settings = replace(alone.settings, search=replace(alone.settings.search, most_causes=len(alone.named)))
     (named,) = of(replace(alone, settings=settings), Named)
     assert f"no other set of at most {len(alone.named)} causes does as well" in named.say(PLAIN)

@@ -55,6 +55,9 @@ def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Mode
     # What was seen before is no news, though a sample has not kept it: two models would raise each other for ever.
     seen = replace(held, content=replace(held.content, top=risen.content.top))
     assert fitter.again([seen], origin) == []
+    # What a sample has found before is kept apart: Laplace's error is no part of it.
+    (again,) = fitter.again([replace(held, sampled=True, log_evidence=risen.log_evidence + 5.0)], origin)
+    assert again.least == risen.log_evidence + 5.0 and again.log_evidence == again.content.candidate.laplace_apart
 
 
 def test_what_a_neighbour_lacks_stays_where_a_model_has_it(hidden: ModelSet) -> None:

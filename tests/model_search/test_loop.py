@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psafit.model_search.loop import Foreseen, Ids, Model, enlarged, exchanged, search
+from psafit.model_search.loop import Foreseen, Ids, Model, _Known, enlarged, exchanged, search
 from psafit.model_search.settings import SearchSettings
 
 CATALOGUE = tuple("abcdefgh")
@@ -101,6 +101,14 @@ def test_what_a_short_fit_is_off_by_is_not_taken_for_a_cause() -> None:
     found = search(CATALOGUE, fake, flat, starts=[("a",), ("a", "b")])
     assert fake.sampled == [(), ("a",)] and found.expanded == {()}
     assert found.models["a", "b"].log_evidence == pytest.approx(0.0)
+
+
+def test_a_model_that_has_risen_since_it_was_sampled_has_no_less_evidence() -> None:
+    """Of a short fit Laplace's error is taken off, of what importance sampling has found nothing is."""
+    part = Model(("a",), 20.0, 20.0, True, None, laplace_off=4.0)
+    whole = Model(("a", "b"), 10.0, 10.0, False, None)
+    known = _Known(CATALOGUE, Fake(additive({})), flat, SearchSettings(), {part.ids: part})
+    assert [known.evidence(replace(whole, least=least)) for least in (-math.inf, 5.0, 9.0)] == [6.0, 6.0, 9.0]
 
 
 def test_a_baseline_that_a_short_fit_missed_makes_no_cause_show() -> None:

@@ -25,7 +25,7 @@ def ranked(evidence: dict[Ids, float], sampled: dict[Ids, float]) -> ModelSet:
         draws = SimpleNamespace(standard_error=sampled[ids]) if ids in sampled else None
         fitted = Fitted(SimpleNamespace(ids=ids), draws)  # type: ignore[arg-type]
         models[ids] = Model(ids, value, 0.0, ids in sampled, fitted)
-    return rank(Searched(models, frozenset()), BELIEFS, SearchSettings())
+    return rank(Searched(models, frozenset(), whole=True), BELIEFS, SearchSettings())
 
 
 def test_prior_probabilities_of_models_sum_to_one_and_expect_few_surprises() -> None:

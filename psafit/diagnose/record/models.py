@@ -53,7 +53,7 @@ class Evidence:
     gain : float
         Of the log likelihood at the top, over the baseline's.
     share : float
-        Probability if the catalogue holds the truth and the search has missed nothing.
+        Probability if the catalogue holds the truth; that the search has missed the set that leads is counted.
     method : {"adaptive importance sampling", "Laplace"}
         The second where a short fit's estimate is all that is known.
     error, effective_draws, pareto_k : float, optional
