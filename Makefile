@@ -44,7 +44,7 @@ PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 quoted  = '$(subst ','\'',$(1))'
 option  = $(if $(strip $(2)),$(1) $(call quoted,$(2)))
 
-.PHONY: help setup fit validate diagnose sbc reproduce test test-slow test-all coverage fuzz kills lint types bench null-leads challenge docs docs-figures lock clean
+.PHONY: help setup fit validate diagnose sbc reproduce test test-slow test-all coverage fuzz kills lint types bench null-leads challenge docs docs-figures notebooks lock clean
 
 help: ## List the targets
 	@echo 'make TARGET [NAME=value ...]'
@@ -114,6 +114,9 @@ challenge: $(STAMP)-run ## Hide effects, diagnose, score: [SEED=n] [JOBS=2] [LIM
 docs: $(STAMP)-docs ## Build the pages of the docs into site/, to be read from there; a warning is an error
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo 'ready: site/index.html'
+
+notebooks: $(STAMP)-dev ## Set up what the notebooks in docs/notebooks need
+	@echo 'ready: open docs/notebooks in Jupyter or an editor, with the Python of $(BIN) as its kernel'
 
 docs-figures: $(STAMP)-dev ## Draw the figures of the docs anew, run the tutorial: half an hour, after make fit and make diagnose
 	@for script in docs/make_*.py; do \

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 @click.command(cls=Command)
 @EXPERIMENT
+@PLUGIN
 @QUIET
 @JSON
 def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
@@ -79,7 +80,7 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
 @EXPERIMENT
 @click.option("--group", "group", metavar="ID[,ID...]", help="Group or groups to fit.  [required]")
 @click.option("--terms", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
-@click.option("--out", type=Place("folder"), help="Run folder; fits/<experiment>-group<id> by default.")
+@click.option("--out", type=Place("folder"), help="Run folder; fits/<experiment>-group<id>[-<causes>] by default.")
 @SEED
 @click.option("--starts", type=click.IntRange(1, 4096), default=32, show_default=True, help="Starts of the search.")
 @click.option("--sampler", type=click.Choice(names()), default=USUAL, show_default=True, help="Draws the posterior.")

@@ -72,9 +72,9 @@ def new(folder: Path, quiet: bool) -> int:
     "--isolability", is_flag=True, help="Say which causes the conditions of an experiment EXP can distinguish."
 )
 @click.option("--plot", type=Place("file"), metavar="FILE", help="Draw that as a matrix: .png, .svg or .pdf.")
+@click.option("--json", "json_file", metavar="FILE", type=Place("file"), help="Write that to FILE as JSON.")
 @PLUGIN
 @QUIET
-@JSON
 def plan(
     place: Path,
     out: Path | None,

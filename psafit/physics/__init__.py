@@ -221,7 +221,8 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
     for b in beliefs:
         if b.name not in known:
             what = f"there is no parameter {shown(b.name)} to know of"
-            raise InputError(what, did_you_mean(b.name, known), file=b.file, line=b.line)
+            remedy = f"{did_you_mean(b.name, known)}; of a cause of your own give its file, too: --plugin FILE"
+            raise InputError(what, remedy, file=b.file, line=b.line)
         try:
             found[b.name] = known[b.name].informed(b)
         except ValueError as error:

@@ -276,8 +276,8 @@ def _what_is_implausible(run: Run) -> list[Markup]:
     strange = [s for s in run.summary.parameters if s.implausible]
     if not strange:
         return []
-    text = "Implausible: {} {} out where less than one twentieth of the prior is as thin."
-    return [Markup(text).format(listed(symbols[s.name] for s in strange), "comes" if len(strange) == 1 else "come")]
+    text = "Implausible: {} {} among the least probable 5 % of its prior."
+    return [Markup(text).format(listed(symbols[s.name] for s in strange), "lies" if len(strange) == 1 else "each lie")]
 
 
 def tiles_of(validation: Validation) -> list[dict[str, str]]:

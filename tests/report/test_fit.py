@@ -136,7 +136,7 @@ def test_parameters_agree_with_the_record(page):
         row = next(r for r in re.findall(r"<tr>(.*?)</tr>", page.html, re.S) if f"{s.r_hat:.4f}" in r)
         assert ("implausible under the prior" in row) == s.implausible
         assert ("no lower limit" in row) == (s.verdict == "bounded above")
-    assert "Implausible: cs comes out where less than one twentieth" in page.reader.text
+    assert "Implausible: cs lies among the least probable 5 % of its prior" in page.reader.text
 
 
 def test_first_screen_says_what_it_must(page):
