@@ -1,11 +1,12 @@
 """What the fits of the search are worth: short fits against samples, and samples of two seeds against each other.
 
-``python benchmarks/estimates.py --models 200 --out benchmarks/estimates.jsonl`` draws sets of causes, a true model of
-each from the priors, and readings from it. Each set is fitted as the search does it: a part that lacks one cause is
-sampled, the set gets a short fit from there, and is sampled with two seeds. One line of JSON a model; a run that was
-broken off goes on with the same command. The table at the end is by number of causes.
+``python benchmarks/estimates.py --models 200 --out benchmarks/estimates.jsonl`` draws sets of causes from the prior on
+sets, a true model of each from the priors, and readings from it. Each set is fitted as the search does it: cause after
+cause by short fits, in an order that is drawn; the part that lacks the last is sampled, the set gets a short fit from
+there, and is sampled with two seeds. One line of JSON a model; a run that was broken off goes on with the same command.
+The table at the end is by number of causes.
 
-- *short*: log evidence of the sample above the short fit's estimate, nats. `SearchSettings.window` must cover it, and
+- *short*: log evidence of the sample above the short fit's estimate, nats. `SearchSettings.short_by` must cover it, and
   its spread is `SearchSettings.doubt`.
 - *top*: how far the second seed's top lies above the first's, nats.
 - *evidence*: how far the evidences of the two seeds differ, nats, and the standard error that the first one states.
@@ -57,21 +58,29 @@ def drawn(rng: np.random.Generator, ids: tuple[str, ...], rig: str) -> Problem:
             return replace(problem, experiment=conditions.with_readings(np.maximum(np.round(read, 2), 0.0) + 0.0))
 
 
+def at_work(rng: np.random.Generator, most: int) -> tuple[str, ...]:
+    """Causes drawn by how probable each is to be at work: one at least, and `most` at most."""
+    while True:
+        ids = tuple(t.id for t in TERMS if rng.uniform() < t.probability)
+        if 0 < len(ids) <= most:
+            return ids
+
+
 def measure(number: int, seed: int, rig: str) -> dict[str, Any]:
     """One random model: its short fit, and two samples."""
-    rng = np.random.default_rng([seed, number])
-    size = 1 + number % 4
-    ids = tuple(TERMS[i].id for i in sorted(rng.choice(len(TERMS), size=size, replace=False)))
+    rng, settings = np.random.default_rng([seed, number]), SearchSettings()
+    ids = at_work(rng, settings.most_causes)
     whole = drawn(rng, ids, rig)
     plain = replace(whole, terms=())
-    settings = SearchSettings()
     fitters = [ProblemFitter(plain, TERMS, settings, s, Memory(None)) for s in (1, 2)]
-    part = tuple(id for id in ids if id != rng.choice(ids))
-    begun = time.process_time()
-    (small,) = fitters[0].short([part], {})
-    origin = fitters[0].sample(small)
+    order = rng.permutation(ids).tolist()
+    begun, known = time.process_time(), {}
+    for n in range(len(ids)):
+        part = tuple(id for id in ids if id in order[:n])
+        (known[part],) = fitters[0].short([part], known)
+    known[part] = fitters[0].sample(known[part])
     begun_short = time.process_time()
-    (short,) = fitters[0].short([ids], {part: origin})
+    (short,) = fitters[0].short([ids], known)
     begun_sample = time.process_time()
     one, two = (f.sample(short) for f in fitters)
     ended = time.process_time()

@@ -237,7 +237,7 @@ def test_estimates_are_described_by_number_of_causes(tmp_path: Path) -> None:
 def test_a_random_model_is_fitted_and_sampled_twice() -> None:
     """Of the same number the same model; the short fit is no better than the sample, which is of the same readings."""
     found = estimates.measure(0, 1, "gap_and_slew")
-    assert len(found["causes"]) == 1 and found["part"] == []
+    assert {*found["part"]} < {*found["causes"]} and len(found["part"]) + 1 == len(found["causes"]) > 2
     assert found["short_top_below"] > -0.1 and abs(found["evidences_differ"]) < 3
     assert found["short_s"] < found["sample_s"]
 
