@@ -1,9 +1,9 @@
 """How long a chain takes until it has converged: `python benchmarks/chains.py`, or with names of cases.
 
-For each case the model is fitted and sampled as `psafit fit` does, and its ensembles run until their rule is met, or
-for ``--seconds`` of processor time. One line a case: parameters, steps, R-hat over the ensembles, autocorrelation
-times, seconds of the search and of the chain, and how far chain and importance draws are apart. Exits with 1 if a
-chain has not converged.
+For each case the model is fitted and sampled as `psafit fit` does (lmfit polishes nothing here), and its ensembles run
+until their rule is met, or for ``--seconds`` of processor time. One line a case: parameters, steps, R-hat over the
+ensembles, autocorrelation times, seconds of the search and of the chain, and how far chain and importance draws are
+apart. Exits with 1 if a chain has not converged.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from search_sets import STUDY, get
 from psafit.experiment import read_experiment
 from psafit.inference.candidate import built_up
 from psafit.inference.problem import Problem
-from psafit.inference.sample import sample
+from psafit.inference.sample import SampleSettings, sample
 from psafit.inference.samplers import USUAL, sampler
 from psafit.inference.sampling import Progress, Target
 from psafit.physics import terms
@@ -55,7 +55,7 @@ def measured(name: str, seed: int, seconds: float) -> bool:
     problem, last = posed(*CASES[name]), [Progress(0, 0, 0, False)]
     begun = time.process_time()
     known = [built_up(problem, seed=seed)] if problem.terms else []
-    found, draws = sample(problem, known, seed=seed)
+    found, draws = sample(problem, known, seed=seed, settings=SampleSettings.of())
     searched = time.process_time()
 
     def say(state: Progress) -> None:

@@ -61,7 +61,7 @@ from psafit.inference.memory import Memory, code
 from psafit.inference.mixture import StudentMixture
 from psafit.inference.optimiser import expansion, maximise, slopes
 from psafit.inference.problem import Problem
-from psafit.inference.sample import sample
+from psafit.inference.sample import SampleSettings, sample
 from psafit.inference.samplers import USUAL, sampler
 from psafit.inference.sampling import Target
 from psafit.model_search import SearchSettings
@@ -219,7 +219,7 @@ def diagnosed(problem: Problem, seed: int) -> tuple[Candidate, ImportanceSample]
 def fitted(problem: Problem, seed: int, steps: int) -> tuple[Candidate, ImportanceSample]:
     """Modes and draws as `psafit fit` makes them; Pareto's k is infinite where the chain has not converged."""
     known, own = [built_up(problem, seed=seed)] if problem.terms else [], sampler(USUAL)
-    found, draws = sample(problem, known, seed=seed)
+    found, draws = sample(problem, known, seed=seed, settings=SampleSettings.of())
     with scratch() as folder:
         target = Target(found, draws, seed, folder / "chain.h5", "")
         chain = own.draw(target, replace(own.settings(problem), max_steps=steps), lambda state: None)

@@ -54,7 +54,7 @@ class SampleSettings:
     effective: float = RoundSettings.effective
 
     @classmethod
-    def of(cls, starts: int, draws_per_start: int = 32) -> SampleSettings:
+    def of(cls, starts: int = 32, draws_per_start: int = 32) -> SampleSettings:
         """So many starts in the first two looks, half of them in each, from so many draws of the prior for each."""
         half, draws = starts // 2, starts // 2 * draws_per_start
         return cls(draws=draws, starts=half, alone_draws=draws, alone_starts=half)
