@@ -20,8 +20,9 @@ from psafit.physics import TERMS, terms
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
-yardstick, search_sets, estimates, null_leads, cases, peers, work_precision, ties = map(
-    import_module, ("search", "search_sets", "estimates", "null_leads", "cases", "peers", "work_precision", "ties")
+yardstick, search_sets, estimates, null_leads, cases, peers, work_precision, ties, against_version = map(
+    import_module,
+    ("search", "search_sets", "estimates", "null_leads", "cases", "peers", "work_precision", "ties", "against_version"),
 )
 
 
@@ -292,6 +293,13 @@ def test_so_does_what_is_compiled(names: tuple[str, ...]) -> None:
     pytest.importorskip("numbalsoda", reason="nothing but its speed is compared, and it has to be built")
     case = cases.Case(names, n_sets=2, n_sample=4)
     assert case.peer_errors(peers.Numbalsoda(cases.RIG, case.trajectories)(1e-8)).max() < 1e-4
+
+
+@pytest.mark.slow
+def test_a_version_is_timed_in_a_process_of_its_own() -> None:
+    found = against_version.timed(against_version.ROOT)
+    assert [*found] == ["sine, baseline", "sine, Hertz", "square, baseline", "square, Hertz"]
+    assert all(0 < cost < 1e-2 for cost in found.values())
 
 
 def test_the_table_of_speeds_says_what_reaches_the_error() -> None:
