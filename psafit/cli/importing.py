@@ -140,7 +140,7 @@ def _on_rig(tables: Sequence[Table], constants: dict[str, float], rig: Path | No
         return Imported(tuple(tables), constants)
     plan = read_plan(rig)
     known = {f.name: getattr(plan.constants, f.name) for f in fields(plan.constants)}
-    return Imported(tuple(tables), known | constants, plan.limits, plan.beliefs, plan.rig)
+    return Imported(tuple(tables), known | constants, plan.limits, plan.beliefs, plan.rig, plan.readable)
 
 
 def _mapping(text: str) -> Mapping:

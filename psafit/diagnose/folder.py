@@ -21,7 +21,8 @@ def identity_of(everything: Problem, asked: list[Any]) -> str:
     experiment = everything.experiment
     return digest(
         [
-            code(), sha256(NULL_LEADS), versions(), experiment.title, experiment.limits, experiment.fingerprint, *asked,
+            code(), sha256(NULL_LEADS), versions(), experiment.title, experiment.limits, experiment.readable,
+            experiment.fingerprint, *asked,
             [t.determinants for t in everything.terms], *(p.signature for p in everything.parameters),
         ]
     )  # fmt: skip

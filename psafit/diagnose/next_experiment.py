@@ -36,7 +36,7 @@ from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
-from psafit.observables import OBSERVABLES, OF_LAUNCHES
+from psafit.observables import OBSERVABLES
 from psafit.physics import meaning
 from psafit.records import ABSENT
 from psafit.simulate import Design, readings, simulate
@@ -297,19 +297,20 @@ def proposal_of(possible: Possible, found: _Judgement, pairs: Iterable[Pair] = (
 
 
 def possible_measurements(candidate: Candidate, settings: TraceSettings) -> list[Possible]:
-    """Sweeps and traces that could be measured on the rig of a model."""
+    """Sweeps and traces that could be measured on the rig of a model, of what was read and what may be read, too."""
     problem, experiment = candidate.problem, candidate.problem.experiment
     rig = experiment.constants, experiment.groups, experiment.limits
     usual = problem.design.usually_measured
     found = proposals(*rig)
-    others = [k for k in range(len(OF_LAUNCHES)) if k != usual]
+    may = [k for k, o in enumerate(OBSERVABLES) if not experiment.readable or o.column in experiment.readable]
+    others = [k for k in may if k != usual and not OBSERVABLES[k].traced]
     of_launches = [p.reading(k, usual) for k in (usual, *others) for p in found if k == usual or not p.changed]
     theta = problem.theta(candidate.modes[:1], ["a session to come"])
 
     def contact(design: Design) -> FloatArray:
         return contact_times(simulate(design, theta, problem.terms))[0]
 
-    return [*of_launches, *traces(*rig, contact, settings)]
+    return [*of_launches, *(p for p in traces(*rig, contact, settings) if p.design.measured[0] in may)]
 
 
 def separating(

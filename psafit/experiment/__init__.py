@@ -104,6 +104,7 @@ def read_experiment(folder: str | Path) -> Experiment:
         limits=plan.limits,
         beliefs=plan.beliefs,
         rig=plan.rig,
+        readable=plan.readable,
         warnings=(
             *warnings,
             *left_from_example(title, source, constants, groups),
@@ -132,6 +133,8 @@ class Plan:
     title : str
     rig : Rig, optional
         What it is made of; `beliefs` has what follows from it.
+    readable : tuple of str
+        Columns that a next experiment may read besides what was read; empty for all.
     """
 
     constants: Constants
@@ -140,6 +143,7 @@ class Plan:
     limits: tuple[tuple[str, tuple[float, float]], ...] = ()
     title: str = ""
     rig: Rig | None = None
+    readable: tuple[str, ...] = ()
 
     def with_readings(self, reading: FloatArray, source: str) -> Experiment:
         """An experiment of these conditions whose readings, (n_points,), one group after the other, come from `source`.
@@ -149,9 +153,8 @@ class Plan:
         groups = read_as(self.groups, reading)
         known = fingerprint(self.constants, groups)
         title = f"{self.title.removesuffix(' (simulated)')} (simulated)"
-        return Experiment(
-            title, source, self.constants, groups, Path(), known, limits=self.limits, beliefs=self.beliefs, rig=self.rig
-        )
+        own = {name: getattr(self, name) for name in ("limits", "beliefs", "rig", "readable")}
+        return Experiment(title, source, self.constants, groups, Path(), known, **own)
 
 
 def read_plan(folder: str | Path) -> Plan:
@@ -194,6 +197,8 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str, list[str]]:
     with faults.kept():
         limits = definition.limits()
     with faults.kept():
+        readable = definition.readable()
+    with faults.kept():
         stated = definition.beliefs()
     with faults.kept():
         rig = definition.rig()
@@ -206,7 +211,8 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str, list[str]]:
         for fault in definition.doubts():
             faults.add(fault)
     faults.end()
-    plan = Plan(constants, tuple(groups), definition.known(stated, rig, constants), limits, title, rig)
+    known = definition.known(stated, rig, constants)
+    plan = Plan(constants, tuple(groups), known, limits, title, rig, readable)
     return plan, source, definition.jumps(groups)
 
 

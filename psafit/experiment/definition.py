@@ -22,6 +22,7 @@ from psafit.experiment.rig import ALIASES, MATERIALS, SEVERAL, Followed, Rig, ma
 from psafit.experiment.rig import beliefs as rig_beliefs
 from psafit.experiment.table import LIMITS as COLUMN_LIMITS
 from psafit.experiment.text import did_you_mean, listed, near_names, one_line, read_text, shown, unreadable
+from psafit.observables import OBSERVABLES
 from psafit.parameters import Belief, LogNormal, Normal
 
 MAX_ID = 999_999_999
@@ -55,6 +56,7 @@ _DRIVE_REMEDY = {
     "cycles": "give how many periods the drive lasts, or leave it out if it runs on",
 }
 _PRIOR = 'write for example [prior.k_c] with median, factor (a value that may be zero: mean, sd) and source = "..."'
+_READ = "read"
 _LIMITED = "write for example under [limits]: frequency_hz = [100, 20000], or l = [0.06, 0.12]"
 _FACT = "give it in SI units: ohm, F, V, m; leave out what is not known"
 _HEADER = re.compile(r"\s*(\[\[?)([^\[\]#]+)\]")
@@ -261,7 +263,7 @@ class Definition:
         known = (*CONDITION_COLUMNS, *_CONSTANTS)
         faults = Faults()
         with faults.kept():
-            self.known_keys(table, known, "limits")
+            self.known_keys(table, (*known, _READ), "limits")
         found = []
         for name, ends in table.items():
             with faults.kept():
@@ -269,6 +271,18 @@ class Definition:
                     found.append((name, self._limit(name, ends)))
         faults.end()
         return tuple(found)
+
+    def readable(self) -> tuple[str, ...]:
+        """Columns that a next experiment may read besides what was read; empty for all."""
+        table = self.data.get("limits", {})
+        if not isinstance(table, dict) or _READ not in table:
+            return ()
+        known, names, place = [o.column for o in OBSERVABLES], table[_READ], ("limits", _READ)
+        if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
+            raise self.error(f"{_READ} is no list of columns", f'write for example {_READ} = ["{known[0]}"]', *place)
+        if strange := [name for name in names if name not in known]:
+            raise self.error(f"nothing is read as {shown(strange[0])}", did_you_mean(strange[0], known), *place)
+        return tuple(dict.fromkeys(names))
 
     def _limit(self, name: str, ends: object) -> tuple[float, float]:
         place = ("limits", name)

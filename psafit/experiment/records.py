@@ -323,6 +323,7 @@ class Experiment:
     limits: tuple[tuple[str, tuple[float, float]], ...] = ()
     beliefs: tuple[Belief, ...] = ()  # what is known of the rig's parameters beforehand, in the place of usual priors
     rig: Rig | None = None  # what it is made of; `beliefs` has what follows from it
+    readable: tuple[str, ...] = ()  # columns that a next experiment may read besides what was read; empty for all
 
     @property
     def ids(self) -> tuple[GroupId, ...]:

@@ -119,6 +119,7 @@ def _kept_definition(experiment: Experiment) -> str | None:
             tomllib.loads(text) == found.data
             and found.constants() == experiment.constants
             and found.limits() == experiment.limits
+            and found.readable() == experiment.readable
             and found.known(found.beliefs(), found.rig(), experiment.constants) == experiment.beliefs
             and found.rig() == experiment.rig
             and found.text("title", experiment.title) == experiment.title
@@ -143,7 +144,7 @@ def _definition(experiment: Experiment) -> str:
             "\n[constants]\n",
             *constants,
             rig_text(experiment.rig),
-            limits_text(experiment.limits),
+            limits_text(experiment.limits, experiment.readable),
             beliefs_text(experiment.beliefs),
         ]
     )
@@ -154,9 +155,10 @@ def head_text(title: str, source: str) -> str:
     return f"title = {_quoted(title)}\nsource = {_quoted(source)}\n"
 
 
-def limits_text(limits: Sequence[tuple[str, tuple[float, float]]]) -> str:
-    """The table of limits; empty where there are none."""
+def limits_text(limits: Sequence[tuple[str, tuple[float, float]]], readable: Sequence[str]) -> str:
+    """The table of limits, and of what may be read; empty where there are none."""
     lines = [f"{name} = [{number_text(low)}, {number_text(high)}]\n" for name, (low, high) in limits]
+    lines += [f"read = [{', '.join(map(_quoted, readable))}]\n"] if readable else []
     return "".join(["\n[limits]\n", *lines]) if lines else ""
 
 

@@ -177,6 +177,10 @@ def test_each_observable_is_tried_on_the_rig_as_it_is(sound):
     }  # fmt: skip
     assert not any(p.changed for p in others) and any(p.text.endswith(", and read contact times") for p in others)
     assert len({p.text for p in possible}) == len(possible)
+    rig = replace(sound.problem.experiment, readable=("contact_time_us", "tip_displacement_um"))
+    few = replace(sound, problem=replace(sound.problem, experiment=rig))
+    read = {o for p in next_experiment.possible_measurements(few, TraceSettings()) for o in p.design.measured}
+    assert {OBSERVABLES[k].name for k in read} == {"launch_range", "contact_time", "tip_displacement"}
 
 
 def test_no_contact_time_is_expected_of_a_launch_that_fails(sound):

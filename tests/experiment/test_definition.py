@@ -40,13 +40,16 @@ def test_a_group_may_be_of_another_rig(tmp_path: Path) -> None:
 
 def test_limits_of_a_next_experiment_are_read_and_written(tmp_path: Path) -> None:
     """They are no reading either."""
-    experiment = read_experiment(write(tmp_path / "two", TOML + "[limits]\nl = [0.06, 1]\nfrequency_hz = [10, 20]\n"))
+    limits = "[limits]\nl = [0.06, 1]\nread = ['contact_time_us', 'displacement_um']\nfrequency_hz = [10, 20]\n"
+    experiment = read_experiment(write(tmp_path / "two", TOML + limits))
     assert experiment.limits == (("l", (0.06, 1.0)), ("frequency_hz", (10.0, 20.0)))
+    assert experiment.readable == ("contact_time_us", "displacement_um") == read_plan(tmp_path / "two").readable
     write_experiment(experiment, tmp_path / "again")
     again = read_experiment(tmp_path / "again")
-    assert again.limits == experiment.limits and again.fingerprint == experiment.fingerprint
+    assert (again.limits, again.readable) == (experiment.limits, experiment.readable)
+    assert again.fingerprint == experiment.fingerprint
     plain = read_experiment(write(tmp_path / "plain"))
-    assert plain.limits == () and plain.fingerprint == experiment.fingerprint
+    assert plain.limits == plain.readable == () and plain.fingerprint == experiment.fingerprint
 
 
 def test_what_is_known_of_the_rig_is_read(tmp_path: Path) -> None:
@@ -155,6 +158,9 @@ BAD_TOML: dict[str, tuple[str | bytes, int | None, str]] = {
     "another rig, no table": (TOML + "constants = 0.06\n", 21, "write for example constants = { l = 0.06 }"),
     "limits, no table": ("limits = 1\n" + TOML, 1, "limits is no table; write for example"),
     "limits, unknown": (TOML + "[limits]\nfrequency = [1, 2]\n", 22, "did you mean frequency_hz?"),
+    "limits, what is read": (TOML + '[limits]\nread = ["speed"]\n', 22, "nothing is read as 'speed'"),
+    "limits, no list": (TOML + '[limits]\nread = "launch_range_um"\n', 22, "read is no list of columns"),
+    "limits, none": (TOML + "[limits]\nread = []\n", 22, "write for example read = ["),
     "limits, one number": (TOML + "[limits]\nl = 0.1\n", 22, "limits of l are not two numbers"),
     "limits, texts": (TOML + '[limits]\nl = ["a", 1]\n', 22, "limits of l are not two positive numbers"),
     "limits, reversed": (

@@ -41,6 +41,8 @@ class Imported:
     beliefs : tuple of Belief
     rig : Rig, optional
         What it is made of.
+    readable : tuple of str
+        Columns that a next experiment may read besides what was read.
     """
 
     tables: tuple[Table, ...]
@@ -48,6 +50,7 @@ class Imported:
     limits: tuple[tuple[str, tuple[float, float]], ...] = ()
     beliefs: tuple[Belief, ...] = ()
     rig: Rig | None = None
+    readable: tuple[str, ...] = ()
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -85,7 +88,10 @@ def write_import(imported: Imported, folder: Path) -> None:
         parts.append(
             f"# {f.name} =   # {comment}\n" if value is None else f"{f.name} = {number_text(value)} # {comment}\n"
         )
-    parts += [rig_text(imported.rig) or _optional("rig"), limits_text(imported.limits) or _optional("limits")]
+    parts += [
+        rig_text(imported.rig) or _optional("rig"),
+        limits_text(imported.limits, imported.readable) or _optional("limits"),
+    ]
     parts.append(beliefs_text(imported.beliefs))
     for table in imported.tables:
         parts.append(f"\n# {one_line(table.place)}: {one_line('; '.join(map(_column_text, table.columns)))}\n")
