@@ -27,8 +27,8 @@ class SampleSettings:
     alone_draws, alone_starts : int
         The same of a look from the prior alone, where one start in ten may lead to the highest mode.
     from_prior : int
-        Causes up to which fits begin at draws of the prior by themselves, too; where more hold each other in place,
-        none comes near a top.
+        Causes up to which all fits begin at draws of the prior by themselves, too. Where more hold each other in place,
+        few of these come near a top: of such a model the second look alone begins there, too.
     better : float, nats
         Rise of a log posterior by which a fit counts as another mode, and difference of the two highest evidences above
         which one more look is taken.
@@ -72,7 +72,7 @@ def sample(
 
     Looks for modes are taken until two have come to the same evidence, and two at least: the first from what is known,
     the others from draws of the prior alone. (Of a model with many causes the second begins from what is known, too,
-    with another seed, and is the last.) What all of them have above the second highest may be lacking once more: it is
+    as well as from the prior, and is the last.) What all of them have above the second highest may be lacking once more: it is
     a part of the error. A draw that lies above every mode says that the looks had not arrived: the model is fitted
     again from there, and drawn from again, as long as that leads higher. (Where it leads nowhere, half of the evidence
     may be lacking.)
@@ -103,16 +103,20 @@ def sample(
 
 def first(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
     """Look for modes from what is known; parameters as of `sample`."""
-    few = len(problem.terms) <= settings.from_prior
-    found = fit(problem, known, seed=seed, draws=settings.draws, most=settings.starts, fresh=few)
-    return hopped(found, seed=seed, settings=HopSettings(better=settings.better))
+    return _look(problem, known, seed, settings, fresh=len(problem.terms) <= settings.from_prior)
 
 
 def second(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
     """Look for modes once more, without `first`; parameters as of `sample`."""
     if len(problem.terms) > settings.from_prior:
-        return first(problem, known, seed=seed + 1, settings=settings)
+        return _look(problem, known, seed + 1, settings, fresh=True)
     return _alone(problem, seed + 1, settings)
+
+
+def _look(problem: Problem, known: Sequence[Candidate], seed: int, s: SampleSettings, *, fresh: bool) -> Candidate:
+    """Look for modes from what is known, and from the prior by itself where `fresh`."""
+    found = fit(problem, known, seed=seed, draws=s.draws, most=s.starts, fresh=fresh)
+    return hopped(found, seed=seed, settings=HopSettings(better=s.better))
 
 
 def _alone(problem: Problem, seed: int, s: SampleSettings) -> Candidate:
