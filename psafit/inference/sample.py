@@ -72,10 +72,10 @@ def sample(
 
     Looks for modes are taken until two have come to the same evidence, and two at least: the first from what is known,
     the others from draws of the prior alone. (Of a model with many causes the second begins from what is known, too,
-    as well as from the prior, and is the last.) What all of them have above the second highest may be lacking once more: it is
-    a part of the error. A draw that lies above every mode says that the looks had not arrived: the model is fitted
-    again from there, and drawn from again, as long as that leads higher. (Where it leads nowhere, half of the evidence
-    may be lacking.)
+    as well as from the prior, and is the last.) What all of them have above the second highest may be lacking once
+    more: it is a part of the error. A draw that lies above every mode says that the looks had not arrived: the model is
+    fitted again from there, and drawn from again, as long as that leads higher. (Where it leads nowhere, half of the
+    evidence may be lacking.)
 
     Parameters
     ----------

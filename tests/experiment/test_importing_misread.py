@@ -197,3 +197,57 @@ def test_one_column_in_a_unit_of_motion_is_proposed(tmp_path: Path) -> None:
 def test_the_ends_of_a_drive_are_its_amplitude_and_bias(tmp_path: Path) -> None:
     asked = refused(tmp_path, "f (Hz);High level (V);Low level (V);Range (um)\n100;20;0;3\n")
     assert "give amplitude_v (Vp), half of their difference, and bias_v, their mean" in asked
+
+
+# --- rows, columns and lines that are no readings, or more of them -------------------------------------------------
+
+SWEEP = "Frequency (Hz);Amplitude (Vp);Range (um)"
+NO_READINGS = {
+    "statistics in rows": ("Frequency (Hz);Amplitude (Vp);What;Range (um)\n1200;20;mean;76\n1200;20;std;1\n", "'std'"),
+    "a mean, marked behind": (f"{SWEEP};Remark\n1200;20;76;\n1300;20;75;\n1200;20;75.5;Mean of 2\n", "'Mean of 2'"),
+    "a word among numbers": (f"Run;{SWEEP}\n1;1200;20;76\n2;1300;20;75\nX;1200;20;75.5\n", "'X' stands where other"),
+    "a second row of headings": (
+        "frequency_hz;amplitude_v;range_um;range_um\n;;mean;std\n1200;20;76;1\n",
+        "'mean', 'std' are more of headings; write each into the heading above it",
+    ),
+    "a waveform between": (f"{SWEEP}\n1200;20;76\n# square\n1200;20;75\n", "'# square' between readings may say what"),
+    "a condition between": (f"{SWEEP}\n1200;20;76\n# f = 1.3 kHz\n1200;20;75\n", "give each sweep a file"),
+    "an end of the drive": (f"{SWEEP};Low level (V)\n1200;20;76;0\n", "is an end of the drive, whose middle no column"),
+    "a reading in another unit": (f"{SWEEP};Peak force (lbf/in)\n1200;20;76;1\n", "is in 'lbf/in', which is no unit"),
+    "a flag": (f"{SWEEP};Status\n1200;20;76;OK\n1300;20;75;OVERLOAD\n", "marks some readings, and psafit takes all"),
+}
+
+
+@pytest.mark.parametrize(("content", "said"), NO_READINGS.values(), ids=NO_READINGS.keys())
+def test_what_is_no_reading_is_not_counted_as_one(content: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        tables(tmp_path, content)
+    assert any(said in line for line in str(caught.value).splitlines()), caught.value
+
+
+READ_SO = {
+    "as pandas writes repetitions": "frequency_hz;amplitude_v;range_um;range_um.1\n1200;20;76;75\n",
+    "as R writes repetitions": "frequency_hz;amplitude_v;range_um;range_um_1\n1200;20;76;75\n",
+    "means alone": "Frequency (Hz);Amplitude (Vp);What;Range (um)\n1200;20;mean;76\n1200;20;mean;75\n",
+    "Fortran's exponents": f"{SWEEP}\n1.2D+03;2D+1;7.6D+01\n1.2D+03;2D+1;7.5D+01\n",
+    "Spanish, thousandths of an inch": (
+        "Frecuencia (kHz);Tensión pico a pico (V);Alcance (mils)\n1,2;40;2,9921259842519685\n1,2;40;2,952755905511811\n"
+    ),
+    "a remark between": f"{SWEEP}\n1200;20;76\n# realigned\n1200;20;75\n",
+}
+
+
+@pytest.mark.parametrize("content", READ_SO.values(), ids=READ_SO.keys())
+def test_what_is_a_reading_is_read(content: str, tmp_path: Path) -> None:
+    (table,) = tables(tmp_path, content)
+    (group,) = table.groups
+    assert (group.frequency_hz.tolist(), group.amplitude_v.tolist()) == ([1200.0] * 2, [20.0] * 2)
+    assert group.reading.tolist() == pytest.approx([76.0, 75.0], rel=1e-14)
+
+
+@pytest.mark.parametrize("name", ["Drive (V, monitor 1:10)", "Piezo voltage (V/10)", "Excitation"])
+def test_a_drive_next_to_a_trace_is_asked_about_whatever_its_unit(name: str, tmp_path: Path) -> None:
+    rows = "".join(f"{10 * k};{k % 4};0.{k}\n" for k in range(15))
+    held = (("frequency_hz", 1200.0), ("amplitude_v", 20.0))
+    asked = refused(tmp_path, f"Time (us);{name};Displacement (um)\n{rows}", values=held, start_us=0.0)
+    assert "changes along a trace: it may be the drive over time, or another signal; say --column" in asked

@@ -95,7 +95,9 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     _check_errors(grid, head, chosen, faults)
     _check_numbers(grid, head, chosen, faults)
     _check_unread(grid, head, chosen, faults)
+    _check_ends(grid, head, chosen, options, faults)
     check_matters(grid, head, chosen, options, faults)
+    _check_left(grid, head, chosen, faults)
     _check_bare(grid, head, chosen, faults)
     faults.end()
     (check_trace if traced else _check_missing)(grid, head, chosen, options, faults)
@@ -279,6 +281,9 @@ def _repeated(columns: Sequence[Column]) -> bool:
     same = len({c.heading.text for c in columns}) == 1
     if all(c.at for c in columns) and len({(c.heading.bare, c.at) for c in columns}) == len(columns):
         return same_name
+    first, *more = sorted(columns, key=lambda c: c.heading.number or 0)
+    if {c.heading.text for c in more} in ({f"{first.heading.text}{s}{k + 1}" for k in range(len(more))} for s in "._"):
+        return True
     numbers = sorted(-1 if c.heading.number is None else c.heading.number for c in columns)
     same_name = same_name and not any(c.heading.numbers_a_part for c in columns)
     return same_name and (same or numbers in ([k + first for k in range(len(columns))] for first in (0, 1)))
@@ -316,6 +321,17 @@ def _not_yet(chosen: Chosen) -> str:
     return listed(f"{c.column} ({c.name})" for c in chosen.not_yet)
 
 
+def _check_ends(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
+    """The ends of a drive say where its middle is, which an amplitude does not."""
+    ends = [c for c in chosen.unused if not c.mapped and any(c.heading.name in called for called in LEVELS)]
+    given = "amplitude_v" in options.held or chosen.of("amplitude_v")
+    if ends and given and not (chosen.of("bias_v") or "bias_v" in options.held):
+        are = "is an end" if len(ends) == 1 else "are the ends"
+        what = f"{listed(c.name for c in ends)} {are} of the drive, whose middle no column gives"
+        ignored = " ".join(option(c.option, IGNORED) for c in ends)
+        faults.add(fault(grid, head, what, f"give it as bias_v, or say {ignored}, if it is 0 or the waveform's own"))
+
+
 def _check_bare(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
     """Headings that name a condition say what was read there, too."""
     bare = [c for c in chosen.unused if c.heading.at and not c.mapped and not words(c.heading.bare)]
@@ -339,6 +355,7 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
         if column == "amplitude_v" and all(ends):
             what = f", and {' and '.join(ends)} are the ends of the drive"
             remedy = "give amplitude_v (Vp), half of their difference, and bias_v, their mean"
+            remedy = f"{remedy}; of a unipolar waveform the upper one is amplitude_v"
         remedy = f"{remedy}, or --set {example(column)} if held"
         faults.add(fault(grid, head, f"no {column} among {known}{what}", remedy))
     if not chosen.readings:
@@ -422,6 +439,18 @@ def _check_unread(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
             what = f"column {column.name} may be {of.column}, or something made of that"
             remedy = f"say {option(column.option, of.column)}, {AS_IT_STANDS}, or {option(column.option, IGNORED)}"
             faults.add(fault(grid, head, what, remedy))
+
+
+def _check_left(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
+    """What is called like a reading, in a unit that psafit does not read, is not left out next to others unsaid."""
+    could = [q for q in QUANTITIES if q.role == ("trace" if chosen.traced else "reading")]
+    for column in (c for c in chosen.unused if not (c.mapped or c.heading.altered)):
+        of = [q for q in could if column.heading.would_be(q)]
+        said = head.unit(column.place)
+        if of and said and said.kind not in {q.unit for q in QUANTITIES} and (chosen.readings or chosen.traced):
+            name = of[0].column
+            remedy = f"{_how(column, said, name)}, or say {option(column.option, IGNORED)}"
+            faults.add(fault(grid, head, f"column {column.name} {_unread(said, name)}", remedy))
 
 
 def _in_other_unit(chosen: Chosen, head: Head, name: str) -> tuple[str, str] | None:

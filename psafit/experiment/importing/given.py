@@ -57,7 +57,9 @@ def moment(text: str, place: str) -> float:
     number, colon, said = (part.strip() for part in text.partition(":"))
     found, factor = NOTATIONS["."].value(number), factor_of(said, "us") if colon else Decimal(1)
     if found is None or factor is None or "," in number:
-        raise InputError(f"{place}: {shown(text)} is no time", "write for example 1.5:ms; us without a unit")
+        raise InputError(f"{place}: {shown(text)} is no time", "write for example 1.5:ms")
+    if found and not colon:
+        raise InputError(f"{place}: {shown(text)} has no unit", f"say {text}:us, or {text}:ms or {text}:s")
     return float(found * factor)
 
 

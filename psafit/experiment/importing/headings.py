@@ -33,6 +33,8 @@ _BETWEEN = re.compile(r"\s+in\s+|\s*[/,_:]\s*|\s+")
 _AT = re.compile(
     r"(?:\b(?:at|bei|à)\s+|@\s*)?(?<![A-Za-z0-9.,])(\d+(?:[.,]\d+)?)\s*([A-Za-zµμ]+(?:-[a-z]+)?)(?![A-Za-z0-9/])"
 )
+# As pandas, MATLAB and R write a heading that comes again: `range_um.1`, `range_um_1`.
+_AGAIN = re.compile(r"(.*\S)[._](\d{1,3})")
 _SPREAD = re.compile(r"\s*(?:±|\+/-|[us]\s*\([^\d()]+\))")
 _GLUED = re.compile(r"([vu])(pp|pkpk|ss|rms|eff|0pk|0p|pk|p)")
 # What stands in a heading for a unit or a condition: a word.
@@ -200,6 +202,10 @@ def heading(text: str) -> Heading:
         return Heading(text, words(text), Unit(own.unit), volts, None, own.column)
     if len(text) > 200 or not text.isprintable():  # prose, or damaged
         return Heading(text, words(text), None, None, None)
+    if again := _AGAIN.fullmatch(text):
+        first_one: Heading = heading(again[1])
+        if first_one.unit and first_one.number is None:
+            return replace(first_one, text=text, number=int(again[2]))
     found, rest = _in_brackets(text)
     if found is None:
         found, rest = _at_the_end(text)

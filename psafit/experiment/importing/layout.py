@@ -12,7 +12,7 @@ from psafit.errors import Faults, InputError
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
 from psafit.experiment.importing.numerals import NOTATIONS, is_number
-from psafit.experiment.importing.quantities import BLANKS, CELL_ERRORS, COMMENTS, STEPS, SUMMARIES, words
+from psafit.experiment.importing.quantities import BLANKS, CELL_ERRORS, COMMENTS, QUANTITIES, STEPS, sums_up, words
 from psafit.experiment.importing.records import IGNORED, Mapping, Options
 from psafit.experiment.importing.units import Unit, foreign, spacing, unit
 from psafit.experiment.text import listed, shown
@@ -215,7 +215,8 @@ def _units(
         found = [unit(text) or foreign(text) for text in texts]
         gap = grid.separator in BLANKS and len(texts) < len(headings)  # which one has no unit cannot be known
         numbers = any(is_number(text) for place, text in enumerate(texts) if place in named or not named)
-        if not any(found) or numbers or len(texts) > len(headings) or gap:
+        more = any(sums_up(text) for text, known in zip(texts, found, strict=True) if not known)  # headings, no units
+        if not any(found) or numbers or len(texts) > len(headings) or gap or more:
             return none, first
         return (*found, *none)[: len(headings)], index + 1
     return none, first
@@ -341,6 +342,7 @@ def body(grid: Grid, head: Head, needed: Sequence[int], options: Options) -> Bod
         if len(rows) > options.most_rows:
             fault(f"more than {options.most_rows} rows", "split the file", row.line)
             break
+    refusals |= _no_readings(head, needed, rows, options) | _between(rows, left_out)
     for (what, remedy), lines in refusals.items():
         fault(f"{what}, as in {len(lines)} rows" if len(lines) > 1 else what, remedy, lines[0])
     wordy = [row for row in rows if head.line and not any(map(is_number, row.cells))]
@@ -362,6 +364,49 @@ def body(grid: Grid, head: Head, needed: Sequence[int], options: Options) -> Bod
     return Body(tuple(rows), (*left_out, *text_rows))
 
 
+def _between(rows: Sequence[Row], left_out: Sequence[tuple[int, str]]) -> dict[tuple[str, str], list[int]]:
+    """Comments between readings that may say what changes there: what, remedy, and lines."""
+    inner = [(line, text) for line, text in left_out if rows and rows[0].line < line < rows[-1].line]
+    said = [(line, text) for line, text in inner if _says_what_changes(text)]
+    remedy = "give each sweep a file, or delete it"
+    return {(f"{shown(text)} between readings may say what changes", remedy): [line] for line, text in said}
+
+
+def _says_what_changes(text: str) -> bool:
+    """Whether a comment names a waveform, or a condition with a number."""
+    said = words(text.lstrip("".join(COMMENTS)))
+    named = (f"{name} " for q in QUANTITIES if q.role in ("condition", "drive") for name in q.names if name)
+    return bool(waveform(said)) or (any(map(str.isdigit, said)) and said.startswith(tuple(named)))
+
+
+def _no_readings(
+    head: Head, needed: Sequence[int], rows: Sequence[Row], options: Options
+) -> dict[tuple[str, str], list[int]]:
+    """Rows that a word marks as none of readings, in a column that the user does not ignore: what, remedy, and lines.
+
+    It sums up others, and is not in each row; or it stands where most other rows hold numbers, which are of no use.
+    """
+    found: dict[tuple[str, str], list[int]] = {}
+    ignored = {place for m in options.columns if m.column == IGNORED for place in names(m, head.headings)}
+    for place in range(max((len(row.cells) for row in rows), default=0)):
+        held = [row for row in rows if place < len(row.cells) and row.texts[place]]
+        wordy = [row for row in held if not is_number(row.cells[place]) and any(map(str.isalpha, row.texts[place]))]
+        if place in ignored or len({"".join(row.texts[place : place + 1]) for row in rows}) == 1:
+            continue
+        text = head.headings[place].text if place < len(head.headings) else ""
+        stray = text and place not in needed and len(held) > 2 * len(wordy)
+        said = shlex.quote(f"{text if text and not head.headings[place].repeats else place + 1}={IGNORED}")
+        counts = "" if place in needed else f"; if it is a reading, say --column {said}"
+        for row in wordy:
+            if sums_up(row.texts[place]):
+                what, do = f"{shown(row.texts[place])} sums up readings and is none", "put # before it, or delete it"
+                found.setdefault((what, f"{do}{counts}"), []).append(row.line)
+            elif stray:
+                what = f"{shown(row.texts[place])} stands where other rows hold a number"
+                found.setdefault((what, f"put # before that row if it is no reading{counts}"), []).append(row.line)
+    return found
+
+
 def _in_rows(grid: Grid, head: Head, options: Options) -> int:
     """The number of headings, less those at the end that the user ignores, or whose number is in the row of units."""
     n, once = len(head.headings), grid.rows[head.first - 1].cells if any(head.units) else ()
@@ -374,7 +419,6 @@ def _in_rows(grid: Grid, head: Head, options: Options) -> int:
 def _no_reading(grid: Grid, head: Head, texts: Sequence[str]) -> tuple[str, str] | None:
     """What is wrong with a row that is filled where readings are, and the remedy; None where nothing is."""
     again = tuple(h.text for h in head.headings)
-    first = next(filter(None, texts))
     if head.line and texts == again:
         return "the headings once more: another table", "give each table a file of its own"
     if head.line and _are_headings(texts):
@@ -385,8 +429,9 @@ def _no_reading(grid: Grid, head: Head, texts: Sequence[str]) -> tuple[str, str]
     if head.line and len(texts) > len(again):
         comma = "; decimal commas need another separator" if grid.separator == "," else ""
         return f"{len(texts)} cells in the row, {len(again)} headings", f"give each column a heading{comma}"
-    if words(first) in SUMMARIES:
-        return f"{shown(first)} sums up readings and is none", "put # before it, or delete it"
+    if not any(map(is_number, texts)) and (more := [text for text in texts if sums_up(text)]):
+        what = f"{listed(map(shown, more))} {'are' if len(more) > 1 else 'is'} more of headings"
+        return what, "write each into the heading above it, and delete that line"
     return None
 
 

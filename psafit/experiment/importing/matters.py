@@ -13,7 +13,7 @@ from psafit.experiment.importing.chosen import Chosen, Column, cells, fault, opt
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Head, is_comment
 from psafit.experiment.importing.numerals import is_number, likeliest
-from psafit.experiment.importing.quantities import COLUMNS, COUNT, words
+from psafit.experiment.importing.quantities import COLUMNS, COUNT, QUANTITIES, words
 from psafit.experiment.importing.records import IGNORED, Options
 from psafit.experiment.importing.units import factor_of
 from psafit.experiment.records import CONSTANT_UNITS
@@ -74,6 +74,7 @@ MATTERS = (
         remedy="give volts behind the amplifier",
     ),
     Matter(("attenuation", "attenuator"), nothing=1.0, remedy="give volts behind the attenuator"),
+    Matter(("voltage divider", "divider"), nothing=1.0, remedy="give volts as they are at the stack"),
     Matter(
         (
             "n burst", "burst cycles", "periods per burst", "cycles per burst", "burst length", "pulses",
@@ -91,9 +92,9 @@ MATTERS = (
     ),
     Matter(("symmetry", "symmetrie"), nothing=50.0, remedy="give the voltage with --drive FILE, one period of it"),
     Matter(("rise time", "anstiegszeit"), kinds=("", "us"), remedy="give the voltage with --drive FILE"),
-    Matter(("valid", "gültig"), nothing=1.0, usual=_YES, flag=True),
+    Matter(("valid", "gültig", "status", "flag", "ok", "use", "used", "quality"), nothing=1.0, usual=_YES, flag=True),
     Matter(
-        ("excluded", "exclude", "saturated", "outlier", "invalid", "ausreisser", "ausreißer"),
+        ("excluded", "exclude", "saturated", "overrange", "overload", "outlier", "invalid", "ausreisser", "ausreißer"),
         nothing=0.0,
         usual=_NO,
         flag=True,
@@ -123,10 +124,12 @@ def above(grid: Grid, head: Head, options: Options) -> Iterator[tuple[int, str, 
     Constants of the rig are asked for by themselves.
     """
     given = (*CONSTANT_UNITS, *options.held)
+    settings = [Matter(q.names, q.column) for q in QUANTITIES if q.role == "drive"]
     for row in takewhile(lambda row: row.line < head.line, grid.rows):
         text = " ".join(filter(None, row.texts))
         first = words(re.split("[:=]", next(filter(None, row.texts), ""))[0])
-        named = [(len(name), m) for m in MATTERS for name in m.names if f" {name} " in f" {first} "]
+        every = (*settings, *MATTERS)
+        named = [(len(name), m) for m in every for name in m.names if f" {name} " in f" {first} "]
         _, matter = max(named, key=itemgetter(0), default=(0, None))
         if matter and not matter.flag and matter.column not in given:
             unit = f":{_target(matter)}" if _target(matter) != COUNT else ""

@@ -32,7 +32,8 @@ class Notation:
         self.decimal = decimal
         marks = re.escape(f"{'.' if decimal == ',' else ','}{_SPACES}{_QUOTES}")
         mark = re.escape(decimal)
-        self._plain = re.compile(rf"[+-]?(?:\d+(?:{mark}\d*)?|{mark}\d+)(?:[eE][+-]?\d{{1,3}})?", re.ASCII)
+        exponent = r"(?:[eE][+-]?\d{1,3}|[dD][+-]\d{1,3})?"  # Fortran writes D
+        self._plain = re.compile(rf"[+-]?(?:\d+(?:{mark}\d*)?|{mark}\d+){exponent}", re.ASCII)
         self._grouped = re.compile(rf"[+-]?[1-9]\d{{0,2}}([{marks}])\d{{3}}(?:\1\d{{3}})*(?:{mark}\d*)?", re.ASCII)
 
     def value(self, text: str) -> Decimal | None:
@@ -43,7 +44,7 @@ class Notation:
         elif not self._plain.fullmatch(text):
             return None
         try:
-            return Decimal(text.replace(self.decimal, "."))
+            return Decimal(text.replace(self.decimal, ".").upper().replace("D", "E"))  # Fortran's D
         except InvalidOperation:  # more digits than decimal numbers have
             return None
 

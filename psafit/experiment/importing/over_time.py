@@ -26,7 +26,7 @@ from psafit.experiment.importing.chosen import (
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.layout import Head
 from psafit.experiment.importing.numerals import Number, is_number, likeliest
-from psafit.experiment.importing.quantities import COLUMNS, VOLTS, Quantity
+from psafit.experiment.importing.quantities import COLUMNS, DRIVING, VOLTS, Quantity
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.trace_table import TIME, TRACES
@@ -212,7 +212,9 @@ def voltages(grid: Grid, head: Head, found: Sequence[Column], options: Options, 
 
 
 def _may_be_drive(column: Column, head: Head) -> bool:
-    return column.column == "amplitude_v" or (not column.column and in_volts(column, head))
+    unit = head.unit(column.place)
+    of_drive = (unit is None or unit.text.startswith("V")) and not DRIVING.isdisjoint(column.heading.name.split())
+    return column.column == "amplitude_v" or (not column.column and (in_volts(column, head) or of_drive))
 
 
 def _is_constant(timed: _Timed, held: Sequence[int], place: int, options: Options) -> bool:

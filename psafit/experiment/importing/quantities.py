@@ -80,9 +80,11 @@ _PLACES = (
     "displacement", "disp", "position", "vibrometer", "auslenkung", "verschiebung", "weg", "déplacement",
     "deplacement", "x",
 )  # fmt: skip
+_FREQUENCIES = ("frequency", "freq", "f", "frequenz", "frequence", "fréquence", "frecuencia", "frequenza", "")
 _TENSIONS = (
     "amplitude", "ampl", "amp", "voltage", "voltage amplitude", "amplitude voltage", "spannung", "spannungsamplitude",
-    "antriebsspannung", "tension", "v", "u", "volt", "volts", "",
+    "antriebsspannung", "tension", "tensión", "tensione", "voltaje", "amplitud", "ampiezza", "v", "u", "volt", "volts",
+    "",
 )  # fmt: skip
 _PHASES = ("start phase", "starting phase", "initial phase", "burst phase", "startphase", "anfangsphase")
 _CYCLES = (
@@ -107,9 +109,7 @@ def _of(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 QUANTITIES = (
-    Quantity(
-        "frequency_hz", "Hz", ("frequency", "freq", "f", "frequenz", "frequence", "fréquence", ""), "condition", "drive"
-    ),
+    Quantity("frequency_hz", "Hz", _FREQUENCIES, "condition", "drive"),
     Quantity("amplitude_v", "V", _TENSIONS, "condition", "drive"),
     *_READINGS,
     *(Quantity(_SIGMA[r.column], r.unit, (*_ERRORS, *_of(r.names)), "error", "ball") for r in _READINGS),
@@ -176,8 +176,8 @@ SPREADS = {
 PERIODS = {"period", "period time", "periode", "periodendauer", "période"}
 # What generators call the ends of a drive.
 LEVELS = (
-    {"high level", "high", "level high", "v high", "vhigh", "upper level"},
-    {"low level", "low", "level low", "v low", "vlow", "lower level"},
+    {"high level", "high", "level high", "v high", "vhigh", "upper level", "v max", "vmax", "u max", "umax"},
+    {"low level", "low", "level low", "v low", "vlow", "lower level", "v min", "vmin", "u min", "umin"},
 )
 # What a header calls the distance of samples, or their rate, by the unit of psafit's; and the unit of its clock.
 STEPS = dict.fromkeys(
@@ -199,10 +199,13 @@ THINNED = {
     "decimation", "decimation factor", "decimation ratio", "downsampling", "downsampling factor", "down sampling",
 }  # fmt: skip
 CLOCK_UNITS = {"horizontal unit", "horizontal units", "x unit", "x units", "time unit", "time units"}
-# First cell of a row that sums up others.
+# What marks a row that sums up others, alone or as the first word: `Mean of 3`.
 SUMMARIES = {
-    "mean", "average", "avg", "median", "std", "sd", "std dev", "stdev", "min", "max", "minimum", "maximum", "sum",
-    "total", "count", "mittelwert", "mittel", "standardabweichung", "summe", "moyenne", "ecart type",
+    "mean", "average", "ave", "avg", "median", "std", "sd", "s d", "sem", "rsd", "cv", "stdev", "stddev", "variance",
+    "min", "max", "minimum", "maximum", "sum", "total", "subtotal", "overall", "count", "rms", "std dev",
+    "standard deviation", "std error", "standard error", "grand mean", "geomean", "ø", "σ", "mittelwert",
+    "mittel", "mw", "durchschnitt", "standardabweichung", "stabw", "stdabw", "std abw", "summe", "gesamt", "anzahl",
+    "moyenne", "ecart type", "écart type", "media", "promedio", "desv est", "scarto tipo", "平均", "標準偏差",
 }  # fmt: skip
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", "  ": "two blanks or more", " ": "blanks"}
 BLANKS = (" ", "  ")
@@ -212,6 +215,12 @@ CELL_ERRORS = {
     "#VALEUR!", "#NOMBRE!", "#NOM?",
 }  # fmt: skip
 COMMENTS = ("#", "%", "//", "!")
+
+
+def sums_up(text: str) -> bool:
+    """Whether a cell says that its row, or its column, sums up others."""
+    said = words(text)
+    return said in SUMMARIES or said.partition(" ")[0] in SUMMARIES
 
 
 def words(text: str) -> str:

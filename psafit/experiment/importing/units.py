@@ -156,6 +156,7 @@ def spacing(number: Decimal, text: str, kind: str = "") -> Decimal | None:
 def _registry() -> pint.UnitRegistry[Decimal]:
     registry: pint.UnitRegistry[Decimal] = pint.UnitRegistry(non_int_type=Decimal)
     registry.define(f"{COUNT} = [{COUNT}]")
+    registry.define("@alias thou = mil = mils")  # pint's own is one of angles
     return registry
 
 
