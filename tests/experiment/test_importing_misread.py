@@ -245,7 +245,7 @@ def test_what_is_a_reading_is_read(content: str, tmp_path: Path) -> None:
     assert group.reading.tolist() == pytest.approx([76.0, 75.0], rel=1e-14)
 
 
-@pytest.mark.parametrize("name", ["Drive (V, monitor 1:10)", "Piezo voltage (V/10)", "Excitation"])
+@pytest.mark.parametrize("name", ["Drive (V, monitor 1:10)", "Piezo voltage (V/10)"])
 def test_a_drive_next_to_a_trace_is_asked_about_whatever_its_unit(name: str, tmp_path: Path) -> None:
     rows = "".join(f"{10 * k};{k % 4};0.{k}\n" for k in range(15))
     held = (("frequency_hz", 1200.0), ("amplitude_v", 20.0))
