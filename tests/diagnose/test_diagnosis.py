@@ -116,7 +116,7 @@ def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, 
     # Without searches of its own it would look into the table, which is of the whole catalogue.
     assert stored["misfit"]["search"]["missing"] == ("" if searches else "catalogue")
     assert stored["misfit"]["search"]["stored"] == (not searches)
-    assert set(stored["looked_at"]) == {"fitted", "estimated", "mass_not_looked_at"}
+    assert set(stored["looked_at"]) == {"fitted", "estimated", "mass_not_looked_at", "neighbours"}
     if searches:
         plain = search_models(Problem(e, e.ids), causes, seed=1)
         assert stored["misfit"]["search"]["lead"] == pytest.approx(lead(plain), abs=1e-9)
