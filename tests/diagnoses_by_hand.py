@@ -120,7 +120,7 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
             CauseResult(["gap", "slew_limit"], 0.31, parameters("k_c"), replace(evidence, over_baseline=150.5), []),
             CauseResult([], 0.0002, parameters("k_c", sampled=False), laplace, []),
         ],
-        looked_at=LookedAt(fitted=164, estimated=151, mass_not_looked_at=0.004),
+        looked_at=LookedAt(fitted=164, estimated=151, mass_not_looked_at=0.004, neighbours=True),
         misfit=MisfitResult(
             p_value=0.001, where=where, baseline=lack_of_fit(0.001, "physics", last),
             extended=lack_of_fit(0.31, "none", last, []),

@@ -49,7 +49,7 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
 @click.option("--encoding", metavar="NAME", help="Of text, such as cp850; detected by default.")
 @click.option("--step", metavar="TIME[:UNIT]", help="Of samples without times, 1:us; or their rate, 1:MHz.")
 @click.option(
-    "--start", metavar="TIME[:UNIT]", help="When the drive starts, on the clock of a trace or of --drive: 1.5:ms."
+    "--start", metavar="TIME:UNIT", help="When the drive starts, on the clock of a trace or of --drive: 1.5:ms."
 )
 @click.option("--from-rest", is_flag=True, help="Count a trace from the mean of its samples before the start.")
 @click.option(

@@ -101,7 +101,7 @@ def simulate(
         tied = [] if ids or asked else rivals
         chosen = chosen or first[0]
         given = of_sessions(plan, *first, known, quiet, seed is not None) | asked
-    standing = _standing(run, quiet)
+    standing = {} if ids or asked else _standing(run, quiet)
     ends = None if run is None or ids or asked else _intervals(run, plan)
     _say_of_conditions(chosen, groups, quiet)
     measured = [OBSERVABLES[k] for k in np.unique(np.concatenate([g.measured for g in groups]))]

@@ -302,9 +302,10 @@ def possible_measurements(candidate: Candidate, settings: TraceSettings) -> list
     rig = experiment.constants, experiment.groups, experiment.limits
     usual = problem.design.usually_measured
     found = proposals(*rig)
-    may = [k for k, o in enumerate(OBSERVABLES) if not experiment.readable or o.column in experiment.readable]
-    others = [k for k in may if k != usual and not OBSERVABLES[k].traced]
-    of_launches = [p.reading(k, usual) for k in (usual, *others) for p in found if k == usual or not p.changed]
+    columns, read = experiment.readable, set(problem.design.measured.tolist())
+    may = [k for k, o in enumerate(OBSERVABLES) if not columns or o.column in columns or k in read]
+    of = sorted((k for k in may if not OBSERVABLES[k].traced), key=lambda k: k != usual)
+    of_launches = [p.reading(k, usual) for k in of for p in found if k == usual or not p.changed]
     theta = problem.theta(candidate.modes[:1], ["a session to come"])
 
     def contact(design: Design) -> FloatArray:

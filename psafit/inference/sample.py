@@ -108,20 +108,15 @@ def first(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: 
 
 def second(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
     """Look for modes once more, without `first`; parameters as of `sample`."""
-    if len(problem.terms) > settings.from_prior:
-        return _look(problem, known, seed + 1, settings, fresh=True)
-    return _alone(problem, seed + 1, settings)
+    return _look(problem, known if len(problem.terms) > settings.from_prior else (), seed + 1, settings)
 
 
-def _look(problem: Problem, known: Sequence[Candidate], seed: int, s: SampleSettings, *, fresh: bool) -> Candidate:
-    """Look for modes from what is known, and from the prior by itself where `fresh`."""
-    found = fit(problem, known, seed=seed, draws=s.draws, most=s.starts, fresh=fresh)
-    return hopped(found, seed=seed, settings=HopSettings(better=s.better))
-
-
-def _alone(problem: Problem, seed: int, s: SampleSettings) -> Candidate:
-    """Look for modes from the prior alone."""
-    found = fit(problem, (), seed=seed, draws=s.alone_draws, most=s.alone_starts)
+def _look(
+    problem: Problem, known: Sequence[Candidate], seed: int, s: SampleSettings, *, fresh: bool = True
+) -> Candidate:
+    """Look for modes from what is known, and from the prior by itself where `fresh` or nothing is known."""
+    draws, starts = (s.draws, s.starts) if known else (s.alone_draws, s.alone_starts)
+    found = fit(problem, known, seed=seed, draws=draws, most=starts, fresh=fresh)
     return hopped(found, seed=seed, settings=HopSettings(better=s.better))
 
 
@@ -135,7 +130,7 @@ def joined(
         second_best, best = sorted(look.laplace_apart for look in looks)[-2:]
         if len(looks) >= most or best <= second_best + s.better:
             break
-        looks.append(_alone(one.problem, seed + len(looks), s))
+        looks.append(_look(one.problem, (), seed + len(looks), s))
     found, unreached = principal(united(*looks)), 0.0
     draws = importance_sample(found, seed=seed, rounds=s.rounds, effective=s.effective)
     while draws.log_posterior > found.log_posterior + s.better:

@@ -64,7 +64,7 @@ class LookedAt:
     fitted: int
     estimated: int
     mass_not_looked_at: float
-    neighbours: bool = True
+    neighbours: bool = False
 
     def no_other(self, causes: int, most: int, what: str = "set") -> str:
         """Return which sets do not do as well as one of so many causes: no other, or none that was looked at.
@@ -106,7 +106,7 @@ class ModelSet:
     beliefs: Mapping[str, float]
     missed: float = 0.0
     visible: float = SearchSettings.visible
-    neighbours: bool = True
+    neighbours: bool = False
 
     def of(self, ids: Ids) -> Candidate:
         """The candidate with these causes."""

@@ -54,7 +54,7 @@ def test_a_statement_holds_the_numbers_that_its_sentence_says() -> None:
 def test_only_what_was_looked_at_does_less_well() -> None:
     alone = replace(record(), verdict="explained", alternatives=[])
     for mass, said in ((0.004, "no other set does as well"), (0.02, "no other set that was sampled does as well")):
-        (named,) = of(replace(alone, looked_at=LookedAt(164, 151, mass)), Named)
+        (named,) = of(replace(alone, looked_at=LookedAt(164, 151, mass, neighbours=True)), Named)
         assert said in named.say(PLAIN)
     (named,) = of(replace(alone, looked_at=LookedAt(164, 151, 0.004, neighbours=False)), Named)
     assert "no other set that was looked at does as well" in named.say(PLAIN)

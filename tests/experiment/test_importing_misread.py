@@ -210,6 +210,8 @@ NO_READINGS = {
         "frequency_hz;amplitude_v;range_um;range_um\n;;mean;std\n1200;20;76;1\n",
         "'mean', 'std' are more of headings; write each into the heading above it",
     ),
+    "deviations alone": (f"What;{SWEEP}\nstd;1200;20;76\nstd;1300;20;75\n", "'std' sums up readings"),
+    "a condition without its name": (f"{SWEEP}\n1200;20;76\n# Set 2: 40 Vpp\n1200;20;75\n", "may say what changes"),
     "a waveform between": (f"{SWEEP}\n1200;20;76\n# square\n1200;20;75\n", "'# square' between readings may say what"),
     "a condition between": (f"{SWEEP}\n1200;20;76\n# f = 1.3 kHz\n1200;20;75\n", "give each sweep a file"),
     "an end of the drive": (f"{SWEEP};Low level (V)\n1200;20;76;0\n", "is an end of the drive, whose middle no column"),
@@ -227,12 +229,17 @@ def test_what_is_no_reading_is_not_counted_as_one(content: str, said: str, tmp_p
 
 READ_SO = {
     "as pandas writes repetitions": "frequency_hz;amplitude_v;range_um;range_um.1\n1200;20;76;75\n",
-    "as R writes repetitions": "frequency_hz;amplitude_v;range_um;range_um_1\n1200;20;76;75\n",
+    "as MATLAB writes repetitions": "frequency_hz;amplitude_v;range_um;range_um_1\n1200;20;76;75\n",
     "means alone": "Frequency (Hz);Amplitude (Vp);What;Range (um)\n1200;20;mean;76\n1200;20;mean;75\n",
     "Fortran's exponents": f"{SWEEP}\n1.2D+03;2D+1;7.6D+01\n1.2D+03;2D+1;7.5D+01\n",
     "Spanish, thousandths of an inch": (
         "Frecuencia (kHz);Tensión pico a pico (V);Alcance (mils)\n1,2;40;2,9921259842519685\n1,2;40;2,952755905511811\n"
     ),
+    "values that are missing": f"{SWEEP};Temp (C)\n1200;20;76;21\n1200;20;75;NaN\n",
+    "remarks": f"{SWEEP};Remark\n1200;20;76;-\n1200;20;75;again\n",
+    "remarks that are no conditions": f"{SWEEP}\n1200;20;76\n# f repeated at 12:30\n# Amp off for 5 min\n1200;20;75\n",
+    "a name": f"{SWEEP};Operator\n1200;20;76;Anna\n1200;20;75;Max Weber\n",
+    "another maximum": f"{SWEEP};Vmax (mm/s)\n1200;20;76;3\n1200;20;75;3\n",
     "a remark between": f"{SWEEP}\n1200;20;76\n# realigned\n1200;20;75\n",
 }
 

@@ -381,7 +381,7 @@ def test_labels_above_the_headings_part_columns_of_one_name(labels: str, tmp_pat
 
 def test_lines_above_the_headings_that_matter_to_the_drive_are_shown(tmp_path: Path) -> None:
     """What is no such name, is given, or is a constant of the rig, which is asked for anyway, is not."""
-    lines = "# Amplifier gain: 20\nBurst cycles;5\n# Coupling: DC\n# Ball mass: 3 g\n"
+    lines = "# Amplifier gain: 20\nBurst cycles;5\n# Coupling: DC\n# Ball mass: 3 g\nOffset;0\nGain;1\n"
     content = f"{lines}f (Hz);Range (um);U (Vp)\n100;3;20\n"
     volts = (1, "# Amplifier gain: 20", "give volts behind the amplifier")
     (found,) = tables(tmp_path, content)

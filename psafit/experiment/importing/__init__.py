@@ -321,7 +321,7 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
         labelled=tuple(_labelled(chosen, rows.rows)),
         errors=tuple(_errors(chosen, head)),
         not_yet=tuple((c.title, c.column) for c in chosen.not_yet),
-        above=tuple(above(grid, head, options)),
+        above=tuple(above(grid, head, chosen, options)),
         left_out=(*rows.left_out, *early),
         groups=tuple(groups),
     )

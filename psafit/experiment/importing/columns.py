@@ -323,7 +323,8 @@ def _not_yet(chosen: Chosen) -> str:
 
 def _check_ends(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
     """The ends of a drive say where its middle is, which an amplitude does not."""
-    ends = [c for c in chosen.unused if not c.mapped and any(c.heading.name in called for called in LEVELS)]
+    named = [c for c in chosen.unused if not c.mapped and any(c.heading.name in called for called in LEVELS)]
+    ends = [c for c in named if in_volts(c, head) or head.unit(c.place) is None]
     given = "amplitude_v" in options.held or chosen.of("amplitude_v")
     if ends and given and not (chosen.of("bias_v") or "bias_v" in options.held):
         are = "is an end" if len(ends) == 1 else "are the ends"

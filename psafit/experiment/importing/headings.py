@@ -33,7 +33,7 @@ _BETWEEN = re.compile(r"\s+in\s+|\s*[/,_:]\s*|\s+")
 _AT = re.compile(
     r"(?:\b(?:at|bei|à)\s+|@\s*)?(?<![A-Za-z0-9.,])(\d+(?:[.,]\d+)?)\s*([A-Za-zµμ]+(?:-[a-z]+)?)(?![A-Za-z0-9/])"
 )
-# As pandas, MATLAB and R write a heading that comes again: `range_um.1`, `range_um_1`.
+# As pandas and R, and as MATLAB, write a heading that comes again: `range_um.1`, `range_um_1`.
 _AGAIN = re.compile(r"(.*\S)[._](\d{1,3})")
 _SPREAD = re.compile(r"\s*(?:±|\+/-|[us]\s*\([^\d()]+\))")
 _GLUED = re.compile(r"([vu])(pp|pkpk|ss|rms|eff|0pk|0p|pk|p)")
@@ -204,7 +204,8 @@ def heading(text: str) -> Heading:
         return Heading(text, words(text), None, None, None)
     if again := _AGAIN.fullmatch(text):
         first_one: Heading = heading(again[1])
-        if first_one.unit and first_one.number is None:
+        of_settings = first_one.own and COLUMNS[first_one.own].role not in ("reading", "error")
+        if first_one.unit and first_one.number is None and not of_settings:
             return replace(first_one, text=text, number=int(again[2]))
     found, rest = _in_brackets(text)
     if found is None:

@@ -12,7 +12,7 @@ from psafit.errors import Faults, InputError
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
 from psafit.experiment.importing.numerals import NOTATIONS, is_number
-from psafit.experiment.importing.quantities import BLANKS, CELL_ERRORS, COMMENTS, QUANTITIES, STEPS, sums_up, words
+from psafit.experiment.importing.quantities import BLANKS, CELL_ERRORS, COMMENTS, MEANS, MISSING, STEPS, sums_up, words
 from psafit.experiment.importing.records import IGNORED, Mapping, Options
 from psafit.experiment.importing.units import Unit, foreign, spacing, unit
 from psafit.experiment.text import listed, shown
@@ -215,7 +215,8 @@ def _units(
         found = [unit(text) or foreign(text) for text in texts]
         gap = grid.separator in BLANKS and len(texts) < len(headings)  # which one has no unit cannot be known
         numbers = any(is_number(text) for place, text in enumerate(texts) if place in named or not named)
-        more = any(sums_up(text) for text, known in zip(texts, found, strict=True) if not known)  # headings, no units
+        parted = zip(headings, texts, found, strict=False)
+        more = any(sums_up(text) and named.quantities() for named, text, known in parted if not known)  # headings
         if not any(found) or numbers or len(texts) > len(headings) or gap or more:
             return none, first
         return (*found, *none)[: len(headings)], index + 1
@@ -366,45 +367,53 @@ def body(grid: Grid, head: Head, needed: Sequence[int], options: Options) -> Bod
 
 def _between(rows: Sequence[Row], left_out: Sequence[tuple[int, str]]) -> dict[tuple[str, str], list[int]]:
     """Comments between readings that may say what changes there: what, remedy, and lines."""
-    inner = [(line, text) for line, text in left_out if rows and rows[0].line < line < rows[-1].line]
-    said = [(line, text) for line, text in inner if _says_what_changes(text)]
-    remedy = "give each sweep a file, or delete it"
-    return {(f"{shown(text)} between readings may say what changes", remedy): [line] for line, text in said}
+    found: dict[tuple[str, str], list[int]] = {}
+    for line, text in left_out:
+        if rows and rows[0].line < line < rows[-1].line and _says_what_changes(text):
+            what = f"{shown(text)} between readings may say what changes"
+            found.setdefault((what, "give each sweep a file, or delete it"), []).append(line)
+    return found
 
 
 def _says_what_changes(text: str) -> bool:
-    """Whether a comment names a waveform, or a condition with a number."""
-    said = words(text.lstrip("".join(COMMENTS)))
-    named = (f"{name} " for q in QUANTITIES if q.role in ("condition", "drive") for name in q.names if name)
-    return bool(waveform(said)) or (any(map(str.isdigit, said)) and said.startswith(tuple(named)))
+    """Whether a comment names a waveform, or a condition with its unit."""
+    named = heading(text.lstrip("".join(COMMENTS) + " "))
+    return bool(named.at or named_waveform(named))
 
 
 def _no_readings(
     head: Head, needed: Sequence[int], rows: Sequence[Row], options: Options
 ) -> dict[tuple[str, str], list[int]]:
-    """Rows that a word marks as none of readings, in a column that the user does not ignore: what, remedy, and lines.
+    """Rows that a word marks as none of readings, in a column of which the user says nothing: what, remedy, and lines.
 
-    It sums up others, and is not in each row; or it stands where most other rows hold numbers, which are of no use.
+    It sums up others, and does not stand in each row as a mean may; or it stands where most rows hold numbers.
     """
     found: dict[tuple[str, str], list[int]] = {}
-    ignored = {place for m in options.columns if m.column == IGNORED for place in names(m, head.headings)}
+    mapped = {place for m in options.columns for place in names(m, head.headings)}
     for place in range(max((len(row.cells) for row in rows), default=0)):
         held = [row for row in rows if place < len(row.cells) and row.texts[place]]
         wordy = [row for row in held if not is_number(row.cells[place]) and any(map(str.isalpha, row.texts[place]))]
-        if place in ignored or len({"".join(row.texts[place : place + 1]) for row in rows}) == 1:
+        same = len({"".join(row.texts[place : place + 1]) for row in rows}) == 1
+        if place in mapped or not wordy or (same and not _spreads(wordy[0].texts[place])):
             continue
         text = head.headings[place].text if place < len(head.headings) else ""
-        stray = text and place not in needed and len(held) > 2 * len(wordy)
+        numbers = sum(is_number(row.cells[place]) for row in held)
+        stray = text and place not in needed and numbers > len(rows) / 2
         said = shlex.quote(f"{text if text and not head.headings[place].repeats else place + 1}={IGNORED}")
         counts = "" if place in needed else f"; if it is a reading, say --column {said}"
         for row in wordy:
             if sums_up(row.texts[place]):
                 what, do = f"{shown(row.texts[place])} sums up readings and is none", "put # before it, or delete it"
                 found.setdefault((what, f"{do}{counts}"), []).append(row.line)
-            elif stray:
+            elif stray and words(row.texts[place]) not in MISSING:
                 what = f"{shown(row.texts[place])} stands where other rows hold a number"
                 found.setdefault((what, f"put # before that row if it is no reading{counts}"), []).append(row.line)
     return found
+
+
+def _spreads(text: str) -> bool:
+    """Whether a cell sums up others as no mean does."""
+    return sums_up(text) and words(text).partition(" ")[0] not in MEANS
 
 
 def _in_rows(grid: Grid, head: Head, options: Options) -> int:

@@ -118,20 +118,22 @@ def check_matters(grid: Grid, head: Head, chosen: Chosen, options: Options, faul
                 faults.add(fault(grid, head, *_asked(column, matter, unit or "", numbers)))
 
 
-def above(grid: Grid, head: Head, options: Options) -> Iterator[tuple[int, str, str]]:
-    """Lines above the headings whose first words name what matters to the drive: line, text and remedy.
+def above(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Iterator[tuple[int, str, str]]:
+    """Lines above the headings that begin with the name of what matters to the drive: line, text and remedy.
 
-    Constants of the rig are asked for by themselves.
+    What is given, stands in a column, or changes nothing is left aside. Constants of the rig are asked for by
+    themselves.
     """
-    given = (*CONSTANT_UNITS, *options.held)
-    settings = [Matter(q.names, q.column) for q in QUANTITIES if q.role == "drive"]
-    for row in takewhile(lambda row: row.line < head.line, grid.rows):
+    given = (*CONSTANT_UNITS, *options.held, *(c.column for c in chosen.columns if c.column))
+    every = (*(Matter(q.names, q.column, 0.0) for q in QUANTITIES if q.role == "drive"), *MATTERS)
+    for row in takewhile(lambda row: row.line < head.line, (row for row in grid.rows if not row.is_blank)):
         text = " ".join(filter(None, row.texts))
-        first = words(re.split("[:=]", next(filter(None, row.texts), ""))[0])
-        every = (*settings, *MATTERS)
-        named = [(len(name), m) for m in every for name in m.names if f" {name} " in f" {first} "]
+        first, *values = re.split("[:=]", text) if re.search("[:=]", text) else [*filter(None, row.texts)]
+        named = [(len(name), m) for m in every for name in m.names if f"{words(first)} ".startswith(f"{name} ")]
         _, matter = max(named, key=itemgetter(0), default=(0, None))
-        if matter and not matter.flag and matter.column not in given:
+        numbers = [number.value for value in values if (number := likeliest([value]).number(value.strip()))]
+        idle = matter and numbers and all(float(value) == matter.nothing for value in numbers)
+        if matter and not (matter.flag or idle or matter.column in given):
             unit = f":{_target(matter)}" if _target(matter) != COUNT else ""
             yield row.line, text, f"say --set {matter.column}=NUMBER{unit}" if matter.column else matter.remedy
 

@@ -35,6 +35,10 @@ OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?")
 """A time of the day, of itself or behind a date."""
 
 
+# Volts in brackets, whatever else stands there: `(V, monitor 1:10)`.
+_VOLTS = re.compile(r"[(\[]V\b")
+
+
 @dataclass(frozen=True)
 class _Timed:
     """Rows with a time, in any unit."""
@@ -212,9 +216,9 @@ def voltages(grid: Grid, head: Head, found: Sequence[Column], options: Options, 
 
 
 def _may_be_drive(column: Column, head: Head) -> bool:
-    unit = head.unit(column.place)
-    of_drive = (unit is None or unit.text.startswith("V")) and not DRIVING.isdisjoint(column.heading.name.split())
-    return column.column == "amplitude_v" or (not column.column and (in_volts(column, head) or of_drive))
+    of_drive = _VOLTS.search(column.heading.text) and not DRIVING.isdisjoint(column.heading.name.split())
+    of_drive = of_drive or column.heading.drives
+    return column.column == "amplitude_v" or (not column.column and (in_volts(column, head) or bool(of_drive)))
 
 
 def _is_constant(timed: _Timed, held: Sequence[int], place: int, options: Options) -> bool:

@@ -199,14 +199,20 @@ THINNED = {
     "decimation", "decimation factor", "decimation ratio", "downsampling", "downsampling factor", "down sampling",
 }  # fmt: skip
 CLOCK_UNITS = {"horizontal unit", "horizontal units", "x unit", "x units", "time unit", "time units"}
-# What marks a row that sums up others, alone or as the first word: `Mean of 3`.
-SUMMARIES = {
-    "mean", "average", "ave", "avg", "median", "std", "sd", "s d", "sem", "rsd", "cv", "stdev", "stddev", "variance",
-    "min", "max", "minimum", "maximum", "sum", "total", "subtotal", "overall", "count", "rms", "std dev",
-    "standard deviation", "std error", "standard error", "grand mean", "geomean", "ø", "σ", "mittelwert",
-    "mittel", "mw", "durchschnitt", "standardabweichung", "stabw", "stdabw", "std abw", "summe", "gesamt", "anzahl",
-    "moyenne", "ecart type", "écart type", "media", "promedio", "desv est", "scarto tipo", "平均", "標準偏差",
+# What marks a row that sums up others, alone or before `of` or a number: `Mean of 3`. The first may be of readings.
+MEANS = {
+    "mean", "average", "ave", "avg", "median", "mittelwert", "mittel", "mw", "durchschnitt", "moyenne", "media",
+    "promedio", "平均",
 }  # fmt: skip
+SUMMARIES = MEANS | {
+    "std", "sd", "s d", "sem", "rsd", "cv", "stdev", "stddev", "variance", "min", "max", "minimum", "maximum", "sum",
+    "total", "subtotal", "overall", "count", "rms", "std dev", "standard deviation", "std error", "standard error",
+    "grand mean", "geomean", "ø", "σ", "standardabweichung", "stabw", "stdabw", "std abw", "summe", "gesamt", "anzahl",
+    "ecart type", "écart type", "desv est", "scarto tipo", "標準偏差",
+}  # fmt: skip
+_OF = {"of", "from", "von", "aus", "de", "n"}
+# What loggers and programs write where there is no value.
+MISSING = {"nan", "na", "n a", "none", "null", "inf", "ol", "ovld", "overload", "missing"}
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", "  ": "two blanks or more", " ": "blanks"}
 BLANKS = (" ", "  ")
 # What a spreadsheet writes where a formula has no value: no comment.
@@ -219,8 +225,8 @@ COMMENTS = ("#", "%", "//", "!")
 
 def sums_up(text: str) -> bool:
     """Whether a cell says that its row, or its column, sums up others."""
-    said = words(text)
-    return said in SUMMARIES or said.partition(" ")[0] in SUMMARIES
+    first, *more = words(text).split() or [""]
+    return words(text) in SUMMARIES or (first in SUMMARIES and bool(more) and (more[0] in _OF or more[0].isdigit()))
 
 
 def words(text: str) -> str:

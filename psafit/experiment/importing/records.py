@@ -196,7 +196,7 @@ class Table:
     not_yet : tuple of (str, str)
         Headings that were recognised as a quantity that psafit cannot use, and that quantity.
     above : tuple of (int, str, str)
-        What stands above the headings, may be of the drive or rig and is not read: line, text and remedy.
+        What stands above the headings, may be of the drive and is not read: line, text and remedy.
     left_out : tuple of (int, str)
         Rows that hold no reading: line and text.
     groups : tuple of Group
