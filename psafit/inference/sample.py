@@ -108,7 +108,12 @@ def first(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: 
 
 def second(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
     """Look for modes once more, without `first`; parameters as of `sample`."""
-    return _look(problem, known if len(problem.terms) > settings.from_prior else (), seed + 1, settings)
+    s = settings
+    if len(problem.terms) <= s.from_prior:
+        return _look(problem, (), seed + 1, s)
+    # Each by itself: of starts that are optimised together, those that are higher early on displace the others.
+    alone = replace(s, alone_draws=s.draws, alone_starts=s.starts)
+    return united(_look(problem, known, seed + 1, s, fresh=False), _look(problem, (), seed + 1, alone))
 
 
 def _look(
