@@ -53,8 +53,9 @@ def test_names_of_a_sessions_own_hold_its_id(known: Experiment) -> None:
 
 
 def test_simulate_takes_the_model_of_a_diagnosis(  # type: ignore[no-untyped-def]
-    diagnosis: tuple[Path, Experiment], known_folder: Path, tmp_path: Path, monkeypatch
+    diagnosis: tuple[Path, Experiment], known_folder: Path, tmp_path: Path, monkeypatch, capsys
 ) -> None:
+    """Of its own model it says the verdict first; of one that is changed that verdict says nothing."""
     record = make_record(diagnosis[1])
     values = {"k_c": 2e6, "hysteresis_strength": 0.2, "hysteresis_voltage": 15.0, "sigma_rel": 0.05}
     parameters = {n: ParameterResult(x, None, None, "1", "", 0.5) for n, x in values.items()}
@@ -66,6 +67,12 @@ def test_simulate_takes_the_model_of_a_diagnosis(  # type: ignore[no-untyped-def
     assert reported["terms"] == ["hysteresis"]
     wanted = {"k_c": 2e6, "c_c": 40.0, "hysteresis_strength": 0.2, "hysteresis_voltage": 15.0}
     assert wanted.items() <= reported["parameters"].items() and "sigma_rel" not in reported["parameters"]
+    assert "run" not in reported
+    capsys.readouterr()
+    assert run(monkeypatch, "simulate", known_folder, "--run", tmp_path, "--json", tmp_path / "said.json") == 0
+    said = json.loads((tmp_path / "said.json").read_text("utf-8"))["run"]
+    assert said.startswith(f"verdict: {record.verdict}: ") and said in capsys.readouterr().err
+    assert said.endswith("; what is simulated is hysteresis") == (record.verdict == "ambiguous")
 
 
 def test_a_ball_that_hardly_passes_its_place_of_rest_reads_no_less_than_zero(
