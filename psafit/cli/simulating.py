@@ -28,7 +28,9 @@ from psafit.errors import LARGEST_SEED, InputError
 
 if TYPE_CHECKING:
     from psafit.arrays import FloatArray
+    from psafit.diagnose.record import Diagnosis
     from psafit.experiment import Conditions, Group, Plan
+    from psafit.inference.run_folder import Run
     from psafit.parameters import Parameter
     from psafit.physics.term import Term
 
@@ -89,20 +91,20 @@ def simulate(
         raise InputError("is no kind of picture psafit writes", f"end its name in {' or '.join(PICTURES)}", file=plot)
     if seed is not None and readings is None:
         raise InputError("--seed scatters what --readings writes", "add --readings FOLDER, or leave it out")
-    if readings is not None:
-        _refuse_within(readings, {"--out": out, "--plot": plot, "--json": json_file})
+    _refuse_within(readings, {"--out": out, "--plot": plot, "--json": json_file})
     plan = read_plan(experiment)
     groups = plan.groups
     chosen = causes(ids) if ids else ()
     given = asked = _assignments(values)
-    tied: list[_Model] = []
+    said: tuple[list[_Model], dict[str, str], FloatArray | None] = [], {}, None
     if run is not None:
-        (first, *rivals), known = _models_of(run)
-        tied = [] if ids or asked else rivals
+        opened = _opened(run)
+        (first, *rivals), known = _models_of(run, opened)
         chosen = chosen or first[0]
         given = of_sessions(plan, *first, known, quiet, seed is not None) | asked
-    standing = {} if ids or asked else _standing(run, quiet)
-    ends = None if run is None or ids or asked else _intervals(run, plan)
+        if not (ids or asked):
+            said = rivals, _standing(run, opened, quiet), _intervals(opened, plan)
+    tied, standing, ends = said
     _say_of_conditions(chosen, groups, quiet)
     measured = [OBSERVABLES[k] for k in np.unique(np.concatenate([g.measured for g in groups]))]
     scatter = () if seed is None else tuple(p for o in measured for p in o.scatter)
@@ -147,25 +149,31 @@ def _say_of_conditions(chosen: Sequence[Term], groups: Sequence[Conditions], qui
         click.echo(line, err=True)
 
 
-def _standing(run: Path | None, quiet: bool) -> dict[str, str]:
-    """What a run says of what it would predict: a diagnosis its verdict, a fit why not to rely on it, if anything."""
+def _opened(run: Path) -> Run | Diagnosis:
+    """The fit or the diagnosis in a folder."""
     from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
     from psafit.inference.run_folder import load
     from psafit.records import read_json
+
+    if not is_diagnosis(run):
+        return load(run)
+    return read_json(run / RESULT, Diagnosis, sealed=True, remedy="repeat the diagnosis")
+
+
+def _standing(place: Path, run: Run | Diagnosis, quiet: bool) -> dict[str, str]:
+    """What a run says of what it would predict: a diagnosis its verdict, a fit why not to rely on it, if anything."""
+    from psafit.inference.run_folder import Run
     from psafit.validate import caution, scored
 
-    if run is None:
-        return {}
-    if is_diagnosis(run):
-        found = read_json(run / RESULT, Diagnosis, sealed=True, remedy="repeat the diagnosis")
-        said = found.headline
-        if found.causes and found.verdict in ("ambiguous", "unexplained"):
-            said += f"; what is simulated is {' + '.join(found.causes[0].terms) or 'no cause'}"
-    else:
-        why = caution(scored(load(run))[0])
+    if isinstance(run, Run):
+        why = caution(scored(run)[0])
         said = f"{why}{STANDING_IN}" if why else ""
+    else:
+        said = run.headline
+        if run.causes and run.verdict in ("ambiguous", "unexplained"):
+            said += f"; what is simulated is {' + '.join(run.causes[0].terms) or 'no cause'}"
     if said and not quiet:
-        click.echo(f"{shown_path(run)}: {said}", err=True)
+        click.echo(f"{shown_path(place)}: {said}", err=True)
     return {"run": said} if said else {}
 
 
@@ -202,13 +210,12 @@ def _curves(
     }
 
 
-def _intervals(run: Path, plan: Plan) -> FloatArray | None:
+def _intervals(run: Run | Diagnosis, plan: Plan) -> FloatArray | None:
     """Ends of the 90 % intervals of the plan's readings, (2, n_points), by a fit; a diagnosis keeps no draws."""
-    from psafit.diagnose.record import is_diagnosis
-    from psafit.inference.run_folder import load
+    from psafit.inference.run_folder import Run
     from psafit.validate import intervals
 
-    return None if is_diagnosis(run) else intervals(load(run), plan)
+    return intervals(run, plan) if isinstance(run, Run) else None
 
 
 def _predictions(groups: Sequence[Conditions], predicted: FloatArray, ends: FloatArray | None) -> dict[str, object]:
@@ -260,8 +267,10 @@ def _table(groups: Sequence[Conditions], predicted: FloatArray, ends: FloatArray
     return "\n".join(rows) + "\n"
 
 
-def _refuse_within(folder: Path, others: dict[str, Path | None]) -> None:
-    """Refuse an output in the folder of the readings, or on the way to it."""
+def _refuse_within(folder: Path | None, others: dict[str, Path | None]) -> None:
+    """Refuse an output in the folder of the readings, if there is one, or on the way to it."""
+    if folder is None:
+        return
     place = folder.resolve()
     for option, path in others.items():
         if path is not None and (place in path.resolve().parents or path.resolve() in place.parents):
@@ -302,32 +311,29 @@ def _write_readings(
         read_experiment(folder)  # ranges may be beyond what an experiment can hold
 
 
-def _models_of(run: Path, most: int = 4) -> tuple[list[_Model], tuple[Group, ...]]:
-    """Causes and posterior medians of a run, of `most` models, and its readings.
+def _models_of(place: Path, run: Run | Diagnosis, most: int = 4) -> tuple[list[_Model], tuple[Group, ...]]:
+    """Causes and posterior medians of a run in a folder, of `most` models, and its readings.
 
     Of a diagnosis first those that it names (where it names none, its best), then those that it ties with them.
     """
-    from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
+    from psafit.diagnose.record import RESULT
     from psafit.experiment import read_experiment
-    from psafit.inference.run_folder import load
+    from psafit.inference.run_folder import Run
     from psafit.physics import recorded
-    from psafit.records import read_json
 
-    if not is_diagnosis(run):
-        fitted = load(run)
-        medians = {p.name: p.median for p in fitted.summary.parameters}
-        return [(fitted.problem.terms, medians)], fitted.problem.experiment.groups
-    found = read_json(run / RESULT, Diagnosis, sealed=True, remedy="repeat the diagnosis")
-    if not found.causes:  # somebody's own
-        raise InputError("holds no model", "repeat the diagnosis", file=run / RESULT)
-    tied = [c for c in found.causes[1:] if c.terms in found.alternatives][: most - 1]
+    if isinstance(run, Run):
+        medians = {p.name: p.median for p in run.summary.parameters}
+        return [(run.problem.terms, medians)], run.problem.experiment.groups
+    if not run.causes:  # somebody's own
+        raise InputError("holds no model", "repeat the diagnosis", file=place / RESULT)
+    tied = [c for c in run.causes[1:] if c.terms in run.alternatives][: most - 1]
     models = [
-        (recorded(c.terms, found.versions, run / RESULT), {name: p.median for name, p in c.parameters.items()})
-        for c in (found.causes[0], *tied)
+        (recorded(c.terms, run.versions, place / RESULT), {name: p.median for name, p in c.parameters.items()})
+        for c in (run.causes[0], *tied)
     ]
     # Only what sessions have for themselves asks whose readings they are.
     latent = any(t.latent for terms, _ in models for t in terms)
-    return models, read_experiment(run / "experiment").groups if latent else ()
+    return models, read_experiment(place / "experiment").groups if latent else ()
 
 
 def _apart(sets: Sequence[Sequence[Term]]) -> list[str]:

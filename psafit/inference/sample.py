@@ -103,24 +103,36 @@ def sample(
 
 def first(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
     """Look for modes from what is known; parameters as of `sample`."""
-    return _look(problem, known, seed, settings, fresh=len(problem.terms) <= settings.from_prior)
+    few = len(problem.terms) <= settings.from_prior
+    return _look(problem, known, seed, settings, settings.draws, settings.starts, fresh=few)
 
 
 def second(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
     """Look for modes once more, without `first`; parameters as of `sample`."""
     s = settings
     if len(problem.terms) <= s.from_prior:
-        return _look(problem, (), seed + 1, s)
+        return _alone(problem, seed + 1, s)
     # Each by itself: of starts that are optimised together, those that are higher early on displace the others.
-    alone = replace(s, alone_draws=s.draws, alone_starts=s.starts)
-    return united(_look(problem, known, seed + 1, s, fresh=False), _look(problem, (), seed + 1, alone))
+    near, far = (_look(problem, some, seed + 1, s, s.draws, s.starts, fresh=False) for some in (known, ()))
+    return united(near, far)
+
+
+def _alone(problem: Problem, seed: int, s: SampleSettings) -> Candidate:
+    """Look for modes from the prior alone."""
+    return _look(problem, (), seed, s, s.alone_draws, s.alone_starts)
 
 
 def _look(
-    problem: Problem, known: Sequence[Candidate], seed: int, s: SampleSettings, *, fresh: bool = True
+    problem: Problem,
+    known: Sequence[Candidate],
+    seed: int,
+    s: SampleSettings,
+    draws: int,
+    starts: int,
+    *,
+    fresh: bool = True,
 ) -> Candidate:
     """Look for modes from what is known, and from the prior by itself where `fresh` or nothing is known."""
-    draws, starts = (s.draws, s.starts) if known else (s.alone_draws, s.alone_starts)
     found = fit(problem, known, seed=seed, draws=draws, most=starts, fresh=fresh)
     return hopped(found, seed=seed, settings=HopSettings(better=s.better))
 
@@ -135,7 +147,7 @@ def joined(
         second_best, best = sorted(look.laplace_apart for look in looks)[-2:]
         if len(looks) >= most or best <= second_best + s.better:
             break
-        looks.append(_look(one.problem, (), seed + len(looks), s))
+        looks.append(_alone(one.problem, seed + len(looks), s))
     found, unreached = principal(united(*looks)), 0.0
     draws = importance_sample(found, seed=seed, rounds=s.rounds, effective=s.effective)
     while draws.log_posterior > found.log_posterior + s.better:

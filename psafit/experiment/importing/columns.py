@@ -97,7 +97,6 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     _check_unread(grid, head, chosen, faults)
     _check_ends(grid, head, chosen, options, faults)
     check_matters(grid, head, chosen, options, faults)
-    _check_left(grid, head, chosen, faults)
     _check_bare(grid, head, chosen, faults)
     faults.end()
     (check_trace if traced else _check_missing)(grid, head, chosen, options, faults)
@@ -429,29 +428,25 @@ def _called(near: Column | None, head: Head, column: str) -> str:
 
 
 def _check_unread(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
-    """What need not be there, a bias or a known error, is not left out for a unit that psafit does not read."""
+    """What need not be there is not left out for a unit that psafit does not read.
+
+    That is a bias or a known error, and a reading or a motion next to others.
+    """
     optional = [q for q in QUANTITIES if q.role == "drive" or (q.role == "error" and not chosen.traced)]
+    others = "trace" if chosen.traced else "reading" if chosen.readings else None
+    further = [q for q in QUANTITIES if q.role == others]
     for column in (c for c in chosen.unused if not c.mapped):
-        said, of = head.unit(column.place), next((q for q in optional if column.heading.would_be(q)), None)
+        could = optional if column.heading.altered else [*optional, *further]
+        said, of = head.unit(column.place), next((q for q in could if column.heading.would_be(q)), None)
         if of and said and not said.kind:
-            remedy = f"{_how(column, said, of.column)}, or say {option(column.option, IGNORED)}"
-            faults.add(fault(grid, head, f"column {column.name} {_unread(said, of.column)}", remedy))
+            what = f"column {column.name} {_unread(said, of.column)}"
+            faults.add(
+                fault(grid, head, what, f"{_how(column, said, of.column)}, or say {option(column.option, IGNORED)}")
+            )
         elif of and column.heading.altered:
             what = f"column {column.name} may be {of.column}, or something made of that"
             remedy = f"say {option(column.option, of.column)}, {AS_IT_STANDS}, or {option(column.option, IGNORED)}"
             faults.add(fault(grid, head, what, remedy))
-
-
-def _check_left(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
-    """What is called like a reading, in a unit that psafit does not read, is not left out next to others unsaid."""
-    could = [q for q in QUANTITIES if q.role == ("trace" if chosen.traced else "reading")]
-    for column in (c for c in chosen.unused if not (c.mapped or c.heading.altered)):
-        of = [q for q in could if column.heading.would_be(q)]
-        said = head.unit(column.place)
-        if of and said and said.kind not in {q.unit for q in QUANTITIES} and (chosen.readings or chosen.traced):
-            name = of[0].column
-            remedy = f"{_how(column, said, name)}, or say {option(column.option, IGNORED)}"
-            faults.add(fault(grid, head, f"column {column.name} {_unread(said, name)}", remedy))
 
 
 def _in_other_unit(chosen: Chosen, head: Head, name: str) -> tuple[str, str] | None:

@@ -127,8 +127,10 @@ def above(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Iterator[
     given = (*CONSTANT_UNITS, *options.held, *(c.column for c in chosen.columns if c.column))
     every = (*(Matter(q.names, q.column, 0.0) for q in QUANTITIES if q.role == "drive"), *MATTERS)
     for row in takewhile(lambda row: row.line < head.line, (row for row in grid.rows if not row.is_blank)):
-        text = " ".join(filter(None, row.texts))
-        first, *values = re.split("[:=]", text) if re.search("[:=]", text) else [*filter(None, row.texts)]
+        filled = [*filter(None, row.texts)]
+        text = " ".join(filled)
+        parts = re.split("[:=]", text)
+        first, *values = parts if len(parts) > 1 else filled
         named = [(len(name), m) for m in every for name in m.names if f"{words(first)} ".startswith(f"{name} ")]
         _, matter = max(named, key=itemgetter(0), default=(0, None))
         numbers = [number.value for value in values if (number := likeliest([value]).number(value.strip()))]

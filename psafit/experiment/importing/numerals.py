@@ -44,7 +44,7 @@ class Notation:
         elif not self._plain.fullmatch(text):
             return None
         try:
-            return Decimal(text.replace(self.decimal, ".").upper().replace("D", "E"))  # Fortran's D
+            return Decimal(text.replace(self.decimal, ".").upper().replace("D", "E"))
         except InvalidOperation:  # more digits than decimal numbers have
             return None
 

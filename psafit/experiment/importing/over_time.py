@@ -216,9 +216,10 @@ def voltages(grid: Grid, head: Head, found: Sequence[Column], options: Options, 
 
 
 def _may_be_drive(column: Column, head: Head) -> bool:
-    of_drive = _VOLTS.search(column.heading.text) and not DRIVING.isdisjoint(column.heading.name.split())
-    of_drive = of_drive or column.heading.drives
-    return column.column == "amplitude_v" or (not column.column and (in_volts(column, head) or bool(of_drive)))
+    if column.column:
+        return column.column == "amplitude_v"
+    named = not DRIVING.isdisjoint(column.heading.name.split()) and _VOLTS.search(column.heading.text) is not None
+    return named or column.heading.drives or in_volts(column, head)
 
 
 def _is_constant(timed: _Timed, held: Sequence[int], place: int, options: Options) -> bool:
