@@ -33,8 +33,8 @@ class FisherSettings:
 
     Parameters
     ----------
-    dampings : tuple of float
-        Dampings tried at once in every iteration, as factors on an optimisation's own.
+    eased, raised : float
+        Factors on an optimisation's damping after a step up, and where fresh slopes have led to none.
     first, least, most : float
         Damping with which an optimisation begins, and its limits.
     stuck : float
@@ -47,7 +47,8 @@ class FisherSettings:
         standard deviations of the scatter, are at one place, or on one ridge.
     """
 
-    dampings: tuple[float, ...] = (0.1, 1.0, 30.0)
+    eased: float = 0.3
+    raised: float = 30.0
     first: float = 1e-2
     least: float = 1e-6
     most: float = 1e8
@@ -232,7 +233,7 @@ def _steps(
     frozen: NDArray[np.bool_],
     longest: float,
 ) -> FloatArray:
-    """Points tried next; (n, n_dampings, n_dim). A coordinate held by its bound, or frozen, stays there."""
+    """Points tried next; (n, n_dim). A coordinate held by its bound, or frozen, stays there."""
     low, high = problem.bounds[:, 0], problem.bounds[:, 1]
     held = frozen | ((u <= low) & (gradient <= 0)) | ((u >= high) & (gradient >= 0))
     g = np.where(held, 0.0, gradient)
@@ -241,13 +242,11 @@ def _steps(
     # In units in which the diagonal is one, the least damping keeps the matrix regular whatever the slopes' sizes are.
     scale = 1 / np.sqrt(np.maximum(np.einsum("nii->ni", curvature), 1e-3))
     a *= scale[:, :, None] * scale[:, None, :]
-    matrix = np.repeat(a[:, None], damping.shape[1], axis=1)
-    matrix[:, :, np.arange(d), np.arange(d)] += damping[:, :, None] + held[:, None, :]
-    target = np.repeat((g * scale)[:, None, :, None], damping.shape[1], axis=1)
-    step = np.linalg.solve(matrix, target)[..., 0] * scale[:, None, :]
-    farthest = np.abs(step).max(axis=2, keepdims=True)
+    a[:, np.arange(d), np.arange(d)] += damping[:, None] + held
+    step = np.linalg.solve(a, (g * scale)[:, :, None])[..., 0] * scale
+    farthest = np.abs(step).max(axis=1, keepdims=True)
     step *= np.minimum(1.0, longest / np.maximum(farthest, 1e-300))
-    return np.clip(u[:, None, :] + step, low, high)
+    return np.clip(u + step, low, high)
 
 
 Predict = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
@@ -269,9 +268,8 @@ def _optimise(
     how: FisherSettings | None = None,
 ) -> Optima:
     how = how or FisherSettings()
-    factors, tried = np.array(how.dampings), len(how.dampings)
     u = np.clip(np.atleast_2d(starts), problem.bounds[:, 0], problem.bounds[:, 1])
-    n_dim, who = u.shape[1], np.arange(len(u))
+    who = np.arange(len(u))
     predicted = predict(u, who)
     log_posterior = log_posteriors(problem, u, predicted, target)
     damping = np.full(len(u), how.first)
@@ -296,27 +294,22 @@ def _optimise(
             live, gradient, curvature = live[usable], gradient[usable], curvature[usable]
             if not live.size:
                 break
-            dampings, held = damping[live, None] * factors, frozen[who[live]]
-            rows = _steps(problem, u[live], gradient, curvature, dampings, held, how.longest).reshape(-1, n_dim)
-            found = predict(rows, np.repeat(who[live], tried))
+            rows = _steps(problem, u[live], gradient, curvature, damping[live], frozen[who[live]], how.longest)
+            found = predict(rows, who[live])
             n_sets += len(rows)
-            value = log_posteriors(problem, rows, found, np.repeat(target[live], tried, axis=0))
-            value, rows, found = (a.reshape(live.size, tried, *a.shape[1:]) for a in (value, rows, found))
-            best = np.argmax(value, axis=1)
-            gain = value[np.arange(live.size), best] - log_posterior[live]
+            value = log_posteriors(problem, rows, found, target[live])
+            gain = value - log_posterior[live]
             better = gain > 0
             # What slopes carried over from earlier iterations cannot do, fresh ones may.
             carried = age[live] > 0
-            factor = np.where(better, factors[best], np.where(carried, 1.0, 10 * factors[-1]))
+            factor = np.where(better, how.eased, np.where(carried, 1.0, how.raised))
             damping[live] = np.clip(damping[live] * factor, how.least, how.most)
             slow = (gain < still_below) & (better | (damping[live] > how.stuck))
             still[live] = np.where(slow, still[live] + ~carried, 0)
             age[live] = np.where(carried & (slow | ~better), lasting, age[live] + better)
             up = live[better]
-            step = rows[better, best[better], :k] - u[up, :k]
-            change = found[better, best[better]] - predicted[up]
-            u[up], log_posterior[up] = rows[better, best[better]], value[better, best[better]]
-            predicted[up] = found[better, best[better]]
+            step, change = rows[better, :k] - u[up, :k], found[better] - predicted[up]
+            u[up], log_posterior[up], predicted[up] = rows[better], value[better], found[better]
             if lasting > 1:
                 # Broyden: the least change, in the posterior's own widths, that agrees with the step just taken.
                 share = step * np.einsum("nii->ni", curvature)[better, :k]
@@ -366,7 +359,7 @@ def maximise(
     observed: FloatArray | None = None,
     *,
     schedule: tuple[tuple[int, int], ...] = ((40, 10**9),),
-    lasting: int = 3,
+    lasting: int = 5,
     still_below: float = 2e-3,
     unite: bool = False,
     frozen: NDArray[np.bool_] | None = None,
