@@ -19,7 +19,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
@@ -307,6 +307,10 @@ class _Density(Protocol):
     def mixture(self) -> StudentMixture:
         """Student densities that resemble it."""
 
+    @property
+    def error(self) -> float:
+        """Standard error of the logarithm of what its density is normalised by."""
+
     def draw(self, n: int, random: np.random.Generator) -> FloatArray: ...
 
     def log_density(self, u: FloatArray) -> FloatArray: ...
@@ -314,12 +318,16 @@ class _Density(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Draws inside the bounds, with the log of the function and the log weights; `n` counts those outside, too."""
+    """Draws inside the bounds, with the log of the function and the log weights; `n` counts those outside, too.
+
+    `unsure` is the standard error of the log evidence by the norms of the densities that they were drawn from.
+    """
 
     u: FloatArray
     log_posterior: FloatArray
     log_weight: FloatArray
     n: int
+    unsure: float = 0.0
 
     @classmethod
     def together(cls, pools: Sequence[Pool]) -> Pool:
@@ -327,7 +335,8 @@ class Pool:
         n = sum(p.n for p in pools)
         weight = [p.log_weight + math.log(n / p.n) for p in pools]
         u, log_posterior = np.concatenate([p.u for p in pools]), np.concatenate([p.log_posterior for p in pools])
-        return cls(u, log_posterior, np.concatenate(weight), n)
+        mass = softmax([p.log_evidence for p in pools])
+        return cls(u, log_posterior, np.concatenate(weight), n, float(np.linalg.norm(mass * [p.unsure for p in pools])))
 
     @property
     def weights(self) -> FloatArray:
@@ -350,10 +359,14 @@ class Pool:
         finite = np.isfinite(self.log_weight)
         return store.pareto_k(self.log_weight[finite]) if finite.sum() > 25 else math.inf
 
+    @property
+    def error(self) -> float:
+        """Standard error of the log evidence."""
+        return math.hypot(math.sqrt(max(1 / self.effective - 1 / self.n, 0.0)), self.unsure)
+
     def sample(self) -> ImportanceSample:
         """The draws of any weight, and the evidence."""
-        weights, count = self.weights, self.effective
-        error = float(np.sqrt(max(1 / count - 1 / self.n, 0.0)))
+        weights, count, error = self.weights, self.effective, self.error
         kept = weights > 0
         best = int(np.argmax(self.log_posterior))
         top = float(self.log_posterior[best])
@@ -382,7 +395,11 @@ def sample_in_rounds(
         density = np.hstack([density, [p.log_density(draws) for p in proposals]])
         u, h = np.concatenate([u, draws]), np.concatenate([h, log_posterior(draws)])
         share = np.array(rounds_of)[:, None]
-        pool = Pool(u, h, h - logsumexp(density, axis=0, b=share) + math.log(share.sum()), n)
+        both = logsumexp(density, axis=0, b=share)
+        pool = Pool(u, h, h - both + math.log(share.sum()), n)
+        # What each proposal accounts for of the evidence is off by as much as its density is.
+        part = (share * np.exp(density - both)) @ pool.weights
+        pool = replace(pool, unsure=float(np.linalg.norm(part * [p.error for p in proposals])))
         if len(proposals) == how.most or (len(proposals) >= how.least and how.enough(pool)):
             return pool
         proposals.append(adapted(pool, proposals[-1]))
@@ -527,6 +544,11 @@ class Emulated:
     def log_evidence(self) -> float:
         """Log evidence of the emulated posterior."""
         return self._pool.log_evidence
+
+    @property
+    def error(self) -> float:
+        """Standard error of the log norm of its draws' density; that of the Student densities among them is known."""
+        return (1 - self._how.caution) * self._pool.error
 
     def draw(self, n: int, random: np.random.Generator) -> FloatArray:
         """Draws, some of them from a mixture of Student densities instead."""

@@ -57,6 +57,11 @@ class StudentMixture:
         """The mixture itself."""
         return self
 
+    @property
+    def error(self) -> float:
+        """Of the logarithm of what its density is normalised by: none."""
+        return 0.0
+
     def draw(self, n: int, random: np.random.Generator) -> FloatArray:
         """Quasi-random draws."""
         d = self.centre.shape[1]

@@ -118,6 +118,26 @@ def test_evidence_of_a_corner():
         drawn_inside(first, bounds + 100.0, 256, np.random.default_rng(0))
 
 
+def test_error_holds_that_of_a_density_whose_norm_is_not_sure():
+    bounds, off = np.array([[-30.0, 30.0]] * 2), 0.3
+
+    class Unsure:
+        mixture = StudentMixture.of([(np.zeros(2), 1.5 * np.eye(2), 1.0)])
+        error = off
+        draw = mixture.draw
+
+        def log_density(self, u):
+            return self.mixture.log_density(u) + off
+
+    def log_posterior(u):
+        return -0.5 * np.sum(u**2, axis=1) - np.log(2 * np.pi)
+
+    how = RoundSettings(draws=256, least=1, most=1)
+    found = sample_in_rounds(log_posterior, bounds, Unsure(), lambda p, d: d, np.random.default_rng(3), how).sample()
+    assert found.log_evidence == pytest.approx(-off, abs=0.05)
+    assert off < found.error < off + 0.05
+
+
 def test_resampling_keeps_the_weighted_mean(sound):
     found = importance_sample(sound, seed=1)
     assert found.effective > 100
