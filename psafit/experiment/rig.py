@@ -193,7 +193,13 @@ class Followed(Belief):
 
 
 def beliefs(
-    rig: Rig, constants: Constants, *, own_lag: float = 2e-6, lags: float = 0.95, anchored: float = 0.7
+    rig: Rig,
+    constants: Constants,
+    *,
+    own_lag: float = 2e-6,
+    lags: float = 0.95,
+    anchored: float = 0.7,
+    stroke_tolerance: float = 1.17,
 ) -> tuple[Followed, ...]:
     """Priors that follow from what a rig is made of.
 
@@ -214,6 +220,8 @@ def beliefs(
         Probability that the stroke is anchored at the rated voltage, where the rig's stroke per volt is the data
         sheet's: soft PZT does that, and of stacks sold one in three may be another material, or driven so near to its
         rated voltage that nothing of it shows (an estimate).
+    stroke_tolerance : float
+        Factor by which a stack's stroke exceeds the data sheet's at most: strokes of one type differ by 12-17 %.
 
     Returns
     -------
@@ -234,6 +242,14 @@ def beliefs(
             " and a linear contact stands for depths of 0.1 to 1 um"
         )
         follows("k_c", Tailed(LogNormal(0.5 * stiffness, 2.5)), why, "ball_radius" if rig.ball_radius else "M")
+    if ball.ball_radius is not None:
+        weight = constants.M * constants.g
+        why = (
+            f"5 mN of a radius of 9.4 mm, in proportion to one of {1e3 * ball.ball_radius:.3g} mm; a bond of"
+            f" four times the weight, {weight:.2g} N, would be seen when the ball is hung"
+        )
+        known = Tailed(Normal(0.0, 5e-3 * ball.ball_radius / 9.4e-3))
+        follows("adhesion_force", known, why, "ball_radius" if rig.ball_radius else "M", bounds=Bounds(0.0, 4 * weight))
     if rig.source_resistance is not None and rig.capacity is not None:
         lag = rig.source_resistance * rig.capacity
         why = (
@@ -248,6 +264,13 @@ def beliefs(
         at_work = anchored if is_rated_stroke(rig, constants) else None
         known = Tailed(LogNormal(rig.rated_voltage, 1.1))
         follows("anchored_voltage", known, why, "rated_voltage", probability=at_work)
+        most = rig.rated_voltage
+        why = f"offsets of 0.5 V and less; no drive rests beyond the rated voltage of {most:g} V"
+        follows("idle_u0", Tailed(Normal(0.0, 0.5)), why, "rated_voltage", bounds=Bounds(-most, most))
+        stroke, key = rig.rated_stroke or most * constants.q, "rated_stroke" if rig.rated_stroke else "q"
+        why = f"touch is judged to a micrometre; a tip that overshoots reaches twice the full stroke of {stroke:.3g} m"
+        bounds = Bounds(0.0, 2 * stroke_tolerance * stroke)
+        follows("gap_width", Tailed(Normal(0.0, 1e-6)), why, key, "rated_voltage", bounds=bounds)
     if rig.layer_thickness is not None:
         # Domain walls answer the field, not the voltage: what is usual of layers of 0.11 mm, by their thickness.
         per_volt = 1.1e-4 / rig.layer_thickness

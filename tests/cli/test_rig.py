@@ -72,7 +72,7 @@ def test_a_new_folder_passes_the_check_at_once(tmp_path: Path, monkeypatch, caps
     (folder / "experiment.toml").write_text(stated, "utf-8")
     assert run(monkeypatch, "check", folder) == 0
     checked = capsys.readouterr()
-    assert checked.err == "" and checked.out.count(", from [rig]: ") == 7
+    assert checked.err == "" and checked.out.count(", from [rig]: ") == 10
 
 
 def test_new_is_quiet_and_takes_an_empty_folder(tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

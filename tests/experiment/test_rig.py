@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,12 @@ from folders import TOML, refusal, write
 
 from psafit.errors import InputError
 from psafit.experiment import describe, read_experiment, read_plan, write_experiment
-from psafit.experiment.rig import NEEDED, Rig, hertz_stiffness
+from psafit.experiment.rig import NEEDED, Rig, beliefs, hertz_stiffness
 from psafit.inference.problem import Problem
-from psafit.parameters import LogNormal, Normal, Tailed
+from psafit.parameters import Bounds, LogNormal, Normal, Tailed
 from psafit.physics import TERMS, baseline, informed, terms
 from psafit.prior_check import read
+from psafit.simulate.contract import STUDY
 
 FACTS = """[rig]
 ball_material = "Steel"
@@ -86,6 +88,19 @@ def test_priors_follow_from_a_rig(tmp_path: Path) -> None:
     assert odds == usual | {"amplifier_lag": 0.95, "anchored_stroke": 0.7}
 
 
+def test_what_is_possible_follows_from_a_rig(tmp_path: Path) -> None:
+    """A stack of 500 V and 60 um (0.12 um/V), and a ball of 200 g, 18.25 mm in radius: 0.2 kg / (7850 kg/m^3)."""
+    rig = Rig(rated_voltage=500.0, rated_stroke=6e-5, ball_material="steel")
+    known = {b.name: b for b in beliefs(rig, replace(STUDY, M=0.2))}
+    assert known["idle_u0"].bounds == Bounds(-500.0, 500.0)
+    assert known["gap_width"].bounds.upper == pytest.approx(2 * 1.17 * 6e-5)
+    assert known["adhesion_force"].bounds.upper == pytest.approx(4 * 0.2 * 9.81)
+    assert known["adhesion_force"].prior.middle == pytest.approx((0.0, 5e-3 * 18.25 / 9.4), rel=1e-3)
+    by_volt = {b.name: b for b in beliefs(replace(rig, rated_stroke=None), STUDY)}
+    assert by_volt["gap_width"].bounds.upper == pytest.approx(2 * 1.17 * 500 * 1.2e-7)
+    assert not {"idle_u0", "gap_width"} & {b.name for b in beliefs(Rig(ball_material="steel"), STUDY)}
+
+
 def test_a_stated_lean_is_bounded_by_the_string_nevertheless(tmp_path: Path) -> None:
     stated = '[prior.preload_offset]\nmean = {}\nsd = 0.002\nsource = "x"\n'
     experiment = read_experiment(write(tmp_path, TOML + FACTS + stated.format(0.01)))
@@ -103,7 +118,7 @@ def test_what_is_reported_of_a_rig_is_what_is_used(tmp_path: Path) -> None:
     used = {p.name: p.prior.describe() for p in (*plain, *(p for t in causes for p in t.parameters))}
     lines = {known["name"]: known["prior"] for known in describe(experiment)["priors"]}
     at_work = {"amplifier_lag_tau": "; at work: 0.95", "anchored_voltage": "; at work: 0.7"}
-    assert lines == {name: used[name] + at_work.get(name, "") for name in lines} and len(lines) == 7
+    assert lines == {name: used[name] + at_work.get(name, "") for name in lines} and len(lines) == 10
     assert all(known["derived"] for known in describe(experiment)["priors"])
 
 
