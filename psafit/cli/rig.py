@@ -178,7 +178,7 @@ def _planned(run: Path, out: Path, proposal: int, experiment: Path | None, quiet
         raise InputError(f"--proposal {proposal}: there are {len(offered)}", "take one of those in its report")
     with unwritten(run / RESULT, "holds no proposal psafit could have made"):
         sweep = planned(offered[proposal - 1], unused_ids(measured.ids), measured)
-        text = escaped(f"{offered[proposal - 1].text}; it {found.promise(proposal - 1)}")
+        text = escaped(f"{offered[proposal - 1].text}; it {found.promise(offered[proposal - 1])}")
     with filling(out):
         write_experiment(measured, out, [sweep])
         read_plan(out)  # a ball twice as heavy may be beyond what an experiment can hold

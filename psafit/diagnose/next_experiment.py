@@ -40,7 +40,7 @@ from psafit.observables import OBSERVABLES
 from psafit.physics import meaning
 from psafit.records import ABSENT
 from psafit.simulate import Design, readings, simulate
-from psafit.text import fixed, significant
+from psafit.text import fixed
 
 _Item = TypeVar("_Item")
 
@@ -127,6 +127,14 @@ class Proposal:
         return len(self.time_us or self.frequency_hz)
 
     @property
+    def lead(self) -> str:
+        """The separation with its error; single log ratios count up to a limit."""
+        counted = 0.9 * CLEAR
+        if self.separation > counted:
+            return f"over {counted:.0f} nats"
+        return f"{fixed(self.separation, 1)} +- {fixed(self.error, 1)} nats"
+
+    @property
     def as_it_is(self) -> bool:
         """Whether it needs neither another rig nor another instrument."""
         return not self.constants and self.observable is None
@@ -203,7 +211,7 @@ class NextExperiment:
         Best first.
     purpose : Purpose, optional
     weak : bool, optional
-        Of a parameter to be determined: whether the readings leave it half as wide as its prior, or wider.
+        Of a parameter to be determined: whether the readings leave it at least half as wide as its prior.
     rehearsals : list of Rehearsal, optional
     """
 
@@ -244,16 +252,29 @@ class NextExperiment:
         """
         return proposal.separation - 2 * proposal.error > (apart if self.separates else narrower)
 
-    def promise(self, which: int) -> str:
-        """Return what one of the proposals is expected to do, in words."""
-        one = self.proposals[which]
-        does = (
-            f"{self.about}, by {significant(one.separation, 2)} +- {significant(one.error, 1)} nats on average"
-            if self.separates
-            else f"{self.about}, whose standard deviation falls by at least"
-            f" {fixed(-math.expm1(-one.separation), per_cent=True)} %"
-        )
-        return does + ("" if self.recommended else ", hardly worth the measurement")
+    @property
+    def as_good(self) -> int:
+        """Number of other proposals that the first does not exceed by two standard errors, as far as nats count."""
+        best, *others = (replace(p, separation=min(p.separation, 0.9 * CLEAR)) for p in self.proposals)
+        return sum(best.separation - p.separation <= 2 * math.hypot(best.error, p.error) for p in others)
+
+    def promise(self, proposal: Proposal, words: Words = PLAIN) -> str:
+        """Return what a proposal is expected to do, in words, and whether that is little."""
+        about = self.purpose.say(words) if self.purpose else self.about
+        if self.separates:
+            does = words.put("{}, with an expected lead of {}", about, words.number(proposal.lead))
+        else:
+            fall = words.per_cent(-math.expm1(-proposal.separation))
+            does = words.put("{}, whose standard deviation falls by at least {}", about, fall)
+        little = so_far = ""
+        if not self.worth_measuring(proposal):
+            little = ", hardly worth the measurement"
+        elif self.separates and proposal.separation < ProposalSettings.wins:
+            little = ", hardly enough to decide"
+        if self.weak is not None:
+            wide = "still at least" if self.weak else "already less than"
+            so_far = f"; its posterior is {wide} half as wide as its prior"
+        return words.put("{}{}{}", does, little, so_far)
 
 
 @dataclass(frozen=True)

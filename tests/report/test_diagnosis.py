@@ -13,6 +13,7 @@ import pytest
 from diagnoses_by_hand import CONSTANTS, build, growth, make_experiment, make_record
 from reader import HOSTILE, Reader
 
+from psafit.diagnose.answer import Next
 from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.explanations import Explanation
 from psafit.diagnose.gain import Choice
@@ -485,16 +486,31 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
     best = replace(record.next_experiment.proposals[0], separation=0.36, error=0.05, success=0.0)
     record = replace(record, next_experiment=replace(record.next_experiment, proposals=[best]))
     text = build(record, experiment, tmp_path).first_screen
-    assert (
-        "No measurement within the limits separates hysteresis of the stack from" in text
-        and "by 0.4 ± 0.1 nats" in text
-    )
+    assert "No measurement within the limits would show much: sine, 20 V, separates hysteresis of the stack" in text
+    assert "with an expected lead of 0.4 ± 0.1 nats, hardly worth the measurement." in text
     weak = replace(best, separation=0.05, error=0.02, success=None, pairs=[])
-    record = replace(record, next_experiment=NextExperiment.of([weak], Purpose("narrow", parameter="k_c")))
+    record = replace(record, next_experiment=NextExperiment.of([weak], Purpose("narrow", parameter="k_c"), weak=True))
     text = build(record, experiment, tmp_path).first_screen
     assert (
-        "would show much more: the best, sine, 20 V, determines kc (contact stiffness), whose standard deviation falls"
-        " by at least 5 %. More" in text
+        "would show much: sine, 20 V, determines kc (contact stiffness), whose standard deviation falls by at least"
+        " 5 %, hardly worth the measurement; its posterior is still at least half as wide as its prior. More" in text
+    )
+
+
+def test_what_decides_little_or_no_better_than_others_is_said():
+    first = replace(make_record(make_experiment()).next_experiment.proposals[0], separation=2.4, error=0.1)
+    near, far = replace(first, separation=2.2), replace(first, separation=2.0)
+    separates = NextExperiment.of([first, near, far], Purpose("separate", [["gap"], ["preload"]]))
+    assert Next(separates, more=False).say(PLAIN) == (
+        "Next, measure sine, 20 V: it separates gap from preload, with an expected lead of 2.4 +- 0.1 nats, hardly"
+        " enough to decide; 1 other proposal may do as well."
+    )
+    clear = [replace(first, separation=x) for x in (49.0, 48.0, 40.0)]
+    assert NextExperiment.of(clear, separates.purpose).as_good == 1  # beyond 45 nats none is better
+    known = NextExperiment.of([first], Purpose("narrow", parameter="k_c"), weak=False)
+    assert Next(known, more=False).say(PLAIN) == (
+        "Next, measure sine, 20 V: it best determines k_c (contact stiffness), whose standard deviation falls by at"
+        " least 91 %; its posterior is already less than half as wide as its prior."
     )
 
 
@@ -505,7 +521,7 @@ def test_what_is_left_is_to_be_measured_again(undrawn, tmp_path):
     best = Proposal("sine, 20 V, 900 to 2000 Hz", "sine", [900.0, 2000.0], [20.0, 20.0], {}, 6.24, 0.91, 0.2)
     explanations = [Explanation("session", 0.62), Explanation("frequency", 0.3), Explanation("size", 0.08)]
     found = NextExperiment.of([best], Purpose("explain", explanations=explanations))
-    assert found.separates and "shows whether what is left belongs to sessions (62 %) or follows" in found.promise(0)
+    assert found.separates and "shows whether what is left belongs to sessions (62 %) or follows" in found.promise(best)
     record = replace(record, next_experiment=found)
     page = build(record, experiment, tmp_path)
     assert (

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.gain import Gain
-from psafit.diagnose.next_experiment import CLEAR, NextExperiment
+from psafit.diagnose.next_experiment import NextExperiment
 from psafit.diagnose.record import Axis, Draft
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
-from psafit.text import fixed
+from psafit.text import count, fixed
 
 _AXES: dict[Axis, str] = {"frequency": "a frequency", "amplitude": "an amplitude", "range": "a predicted range"}
 
@@ -99,24 +99,10 @@ class Next(Statement):
     more: bool
 
     def say(self, words: Words) -> str:
-        first, purpose = self.found.proposals[0], self.found.purpose
-        about = purpose.say(words) if purpose else ""
-        text = words.number(first.text)
-        if self.found.separates:
-            lead = f"over {0.9 * CLEAR:.0f} nats"
-            if first.separation <= 0.9 * CLEAR:
-                lead = f"{fixed(first.separation, 1)} +- {fixed(first.error, 1)} nats"
-            by = words.number(lead)
-        else:
-            by = words.put(
-                "whose standard deviation falls by at least {}", words.per_cent(-math.expm1(-first.separation))
-            )
+        first, equal = self.found.proposals[0], self.found.as_good
+        how = "No measurement within the limits would show much: {}, {}"
         if self.found.recommended:
-            does = "{}: it best {}, with an expected lead of {}." if self.found.separates else "{}: it best {}, {}."
-            rest = " The other sets are not looked at: without --quick the four likeliest are."
-            return words.put("Next, measure " + does + "{}", text, about, by, rest if self.more else "")
-        if self.found.separates:
-            return words.put("No measurement within the limits {} well: the best is {}, by {}.", about, text, by)
-        return words.put(
-            "No measurement within the limits would show much more: the best, {}, {}, {}.", text, about, by
-        )
+            how = "Next, measure {}: it {}" if equal else "Next, measure {}: it best {}"
+        others = f"; {count(equal, 'other proposal')} may do as well." if equal else "."
+        rest = " The other sets are not looked at: without --quick the four likeliest are." if self.more else ""
+        return words.put(how + others + rest, words.number(first.text), self.found.promise(first, words))

@@ -7,7 +7,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, Rehearsal
+from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, ProposalSettings, Rehearsal
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.trials import Calibration, Rate
 from psafit.drives import Drive
@@ -46,7 +46,7 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
                 words.span(p.frequency_hz, "Hz"),
                 words.span(p.amplitude_v, "V"),
                 listed(changed) if changed else "as it is",
-                words.lead(p) if found.separates else words.narrowing(p),
+                PAGE.number(p.lead) if found.separates else words.narrowing(p),
                 words.share(p.success),
                 _left_tied(p.pairs),
             ]
@@ -85,7 +85,7 @@ def _read_as(proposal: Proposal) -> str:
     return f" of {whose} {named.title}"
 
 
-def _left_tied(pairs: Sequence[Pair], hardly: float = 3.0) -> Markup | str:
+def _left_tied(pairs: Sequence[Pair], hardly: float = ProposalSettings.wins) -> Markup | str:
     """The pairs of models that a measurement would hardly separate, by fewer nats than this."""
     tied = [
         Markup("{} and {}").format(model(pair.first), model(pair.second)) for pair in pairs if pair.separation < hardly

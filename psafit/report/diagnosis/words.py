@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from psafit.compare import known
 from psafit.diagnose.explanations import Kind
-from psafit.diagnose.next_experiment import CLEAR, Proposal
+from psafit.diagnose.next_experiment import Proposal
 from psafit.diagnose.record import CauseResult, Diagnosis, Evidence, ParameterResult
 from psafit.experiment import GroupId
 from psafit.report.catalogue import declared
@@ -79,12 +79,6 @@ def p_text(p: float, floor: float) -> str:
     """``p = 0.01``, or that it is at most so much."""
     text = p_value(p, floor)
     return f"p {text}" if text.startswith("≤") else f"p = {text}"
-
-
-def lead(proposal: Proposal) -> str:
-    """An expected separation with its error; single log ratios count up to a limit."""
-    x, error = proposal.separation, proposal.error
-    return typeset(f"over {0.9 * CLEAR:.0f} nats" if x > 0.9 * CLEAR else f"{fixed(x, 1)} ± {fixed(error, 1)} nats")
 
 
 def narrowing(proposal: Proposal) -> str:
