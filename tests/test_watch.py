@@ -144,7 +144,9 @@ def test_a_diagnosis_is_watched(diagnosis: tuple[Path, Experiment], tmp_path: Pa
     """Under way, interrupted, and finished."""
     file = tmp_path / "w.json"
     assert run(monkeypatch, "watch", diagnosis[0], "--json", file) == 0
-    assert capsys.readouterr().out.startswith("done; verdict: ambiguous: hysteresis, or gap + slew_limit")
+    line = capsys.readouterr().out
+    assert line.startswith("done; verdict: ambiguous: hysteresis, or gap + slew_limit")
+    assert "; models fitted on all readings 164; " in line
     state = json.loads(file.read_text())
     assert (state["stage"], state["models"]) == ("done", 164)
     folder = tmp_path / "run"
@@ -164,7 +166,7 @@ def test_a_diagnosis_is_watched(diagnosis: tuple[Path, Experiment], tmp_path: Pa
         watcher.stage("causes")
         assert run(monkeypatch, "watch", folder, "--once") == 0
         line = capsys.readouterr().out
-        assert "search the causes, on all groups; models fitted 1; time spent" in line and "time left" not in line
+        assert "search the causes, on all groups; models fitted in all searches 1; time spent" in line and "time left" not in line
         watcher.stage("tests")
         watcher.stage("significance")
         before = {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in folder.rglob("*") if p.is_file()}

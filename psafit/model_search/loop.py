@@ -402,8 +402,9 @@ def search(
         near = [m for m in shown if known.comes_near(m, highest)]
         left = [m for m in near if not m.sampled or not known.complete(m, highest)]
         name = " + ".join(best_model.ids) or "the baseline"
-        checked = "likely models checked; " if len(near) > 1 else ""
-        progress(f"{checked}{name} leads; {len(models)} models fitted", len(near) - len(left), len(near))
+        compared = "likely models compared with their neighbours; " if len(near) > 1 else ""
+        so_far = f"{compared}{name} leads; {len(models)} models fitted in this search"
+        progress(so_far, len(near) - len(left), len(near))
         sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
         whole = known.complete(best_model, highest)
         small = len(best_model.ids) == 2 or (len(best_model.ids) == 1 and whole)
