@@ -96,7 +96,7 @@ def cause_result(model_set: ModelSet, verdict: Verdict, candidate: Candidate) ->
         log_evidence=model_set.log_evidence[candidate.ids],
         over_baseline=model_set.log_evidence[candidate.ids] - model_set.log_evidence[()],
         gain=model_set.gain(candidate.ids),
-        share=model_set.probability[candidate.ids] * (1 - model_set.missed),
+        share=model_set.share[candidate.ids],
         # Laplace's evidence is corrected by its error in a neighbouring model, where sampling has shown it.
         method="adaptive importance sampling" if found else "Laplace",
     )

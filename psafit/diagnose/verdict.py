@@ -103,12 +103,12 @@ def conclude(
     if not judged.sound:  # what the tests find need not be smooth
         added = max(added, prior_unnamed / (1 - prior_unnamed) * odds_against(judged.least))
     unnamed = (added + instead) / (1 + added + instead)
-    probability = {ids: p * (1 - unnamed) * (1 - model_set.missed) for ids, p in model_set.probability.items()}
+    probability = {ids: p * (1 - unnamed) for ids, p in model_set.share.items()}
     inclusion: dict[str, float] = {}
     # Given that the catalogue holds the truth: a discrepancy takes nothing from one cause against another.
-    for ids, p in model_set.probability.items():
+    for ids, p in model_set.share.items():
         for id in ids:
-            inclusion[id] = inclusion.get(id, 0.0) + p * (1 - model_set.missed)
+            inclusion[id] = inclusion.get(id, 0.0) + p
     nothing, mostly_unnamed = model_set.probability[()], unnamed > 0.5
     if before.sound and nothing >= 1 - CREDIBLE and not mostly_unnamed:
         return Verdict("adequate", (), (), probability, unnamed, inclusion)

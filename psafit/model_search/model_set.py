@@ -123,6 +123,11 @@ class ModelSet:
         return self.candidates[0]
 
     @property
+    def share(self) -> dict[Ids, float]:
+        """Probability of each set fitted if the catalogue holds the truth: what may have been missed keeps the rest."""
+        return {ids: p * (1 - self.missed) for ids, p in self.probability.items()}
+
+    @property
     def looked_at(self) -> LookedAt:
         """What the search has looked at."""
         estimated = [ids for ids in self.probability if ids not in self.samples]
@@ -169,8 +174,8 @@ class ModelSet:
 
     def _by_probability(self, named: Ids) -> list[Ids]:
         """The other sets that have any, most probable first."""
-        share = self.probability
-        return [ids for ids in sorted(share, key=lambda ids: -share[ids]) if ids != named and share[ids] > 0]
+        p = self.probability
+        return [ids for ids in sorted(p, key=lambda ids: -p[ids]) if ids != named and p[ids] > 0]
 
     def odds(self, ids: Ids, other: Ids) -> float:
         """Posterior odds of one model against another, each taken by itself."""
