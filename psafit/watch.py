@@ -91,7 +91,7 @@ class DiagnosisState:
     note : str
         What is counted.
     models : int
-        Sets of causes that were fitted so far; of a finished one, on all readings.
+        Short fits that are kept so far, of all searches; of a finished one, sets of causes fitted on all readings.
     seconds : float, optional
         Spent so far, interruptions left out.
     whole_left : float, optional, s

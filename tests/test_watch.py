@@ -166,13 +166,13 @@ def test_a_diagnosis_is_watched(diagnosis: tuple[Path, Experiment], tmp_path: Pa
         watcher.stage("causes")
         assert run(monkeypatch, "watch", folder, "--once") == 0
         line = capsys.readouterr().out
-        assert "search the causes, on all groups; models fitted in all searches 1; time spent" in line
+        assert "search the causes, on all groups; short fits kept 1; time spent" in line
         assert "time left" not in line
         watcher.stage("tests")
         watcher.stage("significance")
         before = {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in folder.rglob("*") if p.is_file()}
         assert run(monkeypatch, "watch", folder, "--once") == 0
-        assert "repeat the search where nothing is hidden; models" in (line := capsys.readouterr().out)
+        assert "repeat the search where nothing is hidden; short fits kept" in (line := capsys.readouterr().out)
         assert "time left about" in line and "in all" in line and line.count("\n") == 1
         assert {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in before} == before
         state = watch.look(folder)

@@ -126,7 +126,7 @@ def _counts(state: DiagnosisState) -> list[tuple[str, str]]:
     facts = []
     if not state.finished and state.done is not None and (text := counted(state.done, state.total, state.note)):
         facts.append(("stage", text))
-    facts.append((f"models fitted {'on all readings' if state.finished else 'in all searches'}", f"{state.models}"))
+    facts.append(("models fitted on all readings" if state.finished else "short fits kept", f"{state.models}"))
     if state.seconds is not None:
         facts.append(("time spent", duration(state.seconds)))
     if state.whole_left is not None and state.running is not False:

@@ -356,7 +356,7 @@ class Work:
     def _searched(self, done: int, total: int) -> None:
         """Report searches that run side by side."""
         self.watcher.part("parts", done / total)
-        self.watcher.update(done, total, f"searches; {self._memory.count('short')} models fitted so far")
+        self.watcher.update(done, total, f"searches; {self._memory.count('short')} short fits kept")
 
     def search(self, groups: tuple[GroupId, ...], starts: tuple[Candidate, ...] = ()) -> ModelSet:
         """The model set of what some groups say."""

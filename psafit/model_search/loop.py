@@ -48,6 +48,7 @@ from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
 
 from psafit.model_search.settings import SearchSettings
+from psafit.text import count
 
 Ids = tuple[str, ...]
 # Kinds of neighbours: those no larger, and those larger.
@@ -403,7 +404,7 @@ def search(
         left = [m for m in near if not m.sampled or not known.complete(m, highest)]
         name = " + ".join(best_model.ids) or "the baseline"
         compared = "likely models compared with their neighbours; " if len(near) > 1 else ""
-        so_far = f"{compared}{name} leads; {len(models)} models fitted in this search"
+        so_far = f"{compared}{name} leads; {count(len(models), 'model')} fitted in this search"
         progress(so_far, len(near) - len(left), len(near))
         sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
         whole = known.complete(best_model, highest)
