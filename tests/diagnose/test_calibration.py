@@ -119,6 +119,7 @@ def test_a_calibrated_diagnosis_is_the_same_for_any_number_of_workers(tmp_path) 
     assert any(isinstance(s, Calibrated) for s in answer(found[0]))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_said_of_it(tmp_path) -> None:
     e = make_experiment()
     record = replace(make_record(e), calibration=summed(TRIALS))

@@ -46,6 +46,7 @@ def test_a_cause_lives_on_the_readings_that_it_changes(hidden: ModelSet) -> None
     assert len(found.tail) == nats.size and np.mean(np.array(found.tail) < 0.7) > 0.9
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_shows_them(tmp_path) -> None:
     e = make_experiment()
     n = sum(g.n_points for g in e.groups)

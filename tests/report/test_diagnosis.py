@@ -27,8 +27,10 @@ from psafit.observables import LAUNCH_SPEED, OBSERVABLES
 from psafit.parameters import Belief, LogNormal, Normal, Tailed
 from psafit.records import Broken, plain, read_json, write_json
 from psafit.report.catalogue import model
-from psafit.report.diagnosis import causes, gain, misfit, next_experiment, overview, shown
+from psafit.report.diagnosis import causes, gain, misfit, next_experiment
 from psafit.report.diagnosis.answer import PAGE, kind
+
+pytestmark = pytest.mark.usefixtures("undrawn")  # the page that most tests read is drawn nevertheless
 
 NOT_A_NUMBER = re.compile(r"\b(nan|inf|None)\b(?! proposed)")
 SECTIONS = [
@@ -75,13 +77,6 @@ def unnamed(record: Diagnosis) -> Diagnosis:
     groups = [*left.groups[:-1], replace(left.groups[-1], mean=None, largest=None)]
     misfit = replace(adequate(record).misfit, leftover=replace(left, groups=groups))
     return replace(unexplained(record), misfit=misfit, unnamed=0.81)
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Figures are made, but not drawn: for tests of the text."""
-    for module in (causes, gain, overview, shown):
-        monkeypatch.setattr(module, "figure_data_uri", lambda figure, **_: "data:image/png;base64,")
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +167,6 @@ def test_page_stands_alone(page):
     assert len(page.html) < 5e6
 
 
-@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("change", "said", "not_said"),
     [
@@ -242,7 +236,7 @@ def test_each_cause_can_be_taken_out_of_the_curves(tmp_path):
     assert sorted(out["middle"]) == pytest.approx(sorted(1.4 * first), rel=1e-4)
 
 
-def test_what_a_proposal_leaves_tied_and_what_is_confounded_is_reported(undrawn, tmp_path):
+def test_what_a_proposal_leaves_tied_and_what_is_confounded_is_reported(tmp_path):
     experiment = make_experiment("a rig")
     record = make_record(experiment)
     sets = [["hysteresis"], ["gap", "slew_limit"], ["swing_drag"]]
@@ -278,7 +272,7 @@ def test_a_baseline_that_breaks_a_law_is_not_green() -> None:
     assert kind(replace(passed, laws=[law])) == "bad"
 
 
-def test_only_what_was_looked_at_is_said_to_do_less_well(undrawn, tmp_path):
+def test_only_what_was_looked_at_is_said_to_do_less_well(tmp_path):
     experiment = make_experiment("a rig")
     alone = replace(make_record(experiment), verdict="explained", alternatives=[])
     text = " ".join(build(alone, experiment, tmp_path / "whole").text.split())
@@ -292,7 +286,7 @@ def test_only_what_was_looked_at_is_said_to_do_less_well(undrawn, tmp_path):
     assert "no other set of these causes does as well" in text and "No other set of these causes does as well." in text
 
 
-def test_no_share_is_printed_of_a_cause_that_is_not_needed(undrawn, tmp_path):
+def test_no_share_is_printed_of_a_cause_that_is_not_needed(tmp_path):
     """It counts with the model without it; that is no evidence against it."""
     experiment = make_experiment("a rig")
     record = make_record(experiment)
@@ -327,7 +321,7 @@ def test_a_search_repeated_from_nothing_is_in_the_ledger() -> None:
     assert choice.endswith(", too")
 
 
-def test_where_the_p_value_of_a_search_comes_from(tmp_path, undrawn):
+def test_where_the_p_value_of_a_search_comes_from(tmp_path):
     experiment = make_experiment()
     record = make_record(experiment)
     repeated = Significance(9.2, [-1.0, 2.4], 1 / 3)
@@ -363,7 +357,6 @@ def test_one_group(tmp_path):
     assert "No sweep has enough neighbouring readings" in page.text
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_priors_that_follow_are_not_those_that_are_stated(tmp_path):
     lag = Tailed(Normal(7.5e-5, 2e-5))
     beliefs = (
@@ -377,7 +370,6 @@ def test_priors_that_follow_are_not_those_that_are_stated(tmp_path):
     assert re.search(r"Priors that the experiment states\s*k_c \(N/m\): log-normal, median 4e\+06, factor 1.5", text)
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
     """Of causes that the readings neither show nor exclude; what is stated comes before what follows."""
     experiment = make_experiment()
@@ -405,7 +397,6 @@ def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
     assert "Probably at work" not in build(record, experiment, tmp_path).first_screen
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_a_record_read_back_gives_the_same_page(tmp_path):
     """What was not a number is null in the file."""
     experiment = make_experiment()
@@ -420,7 +411,6 @@ def test_a_record_read_back_gives_the_same_page(tmp_path):
     assert first.html == second.html
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_an_adopted_model_that_is_not_listed(tmp_path):
     """Where a discrepancy takes all the probability, the record lists the baseline alone."""
     experiment = make_experiment()
@@ -453,7 +443,7 @@ def test_the_headline_names_what_is_tied() -> None:
     assert said("ambiguous", list("abcdef"), [["x"], ["y"]]).endswith("a + b + c + d + e + f, or 2 more sets")
 
 
-def test_no_set_is_as_good_as_a_best_extension_that_explains_nothing(undrawn, tmp_path):
+def test_no_set_is_as_good_as_a_best_extension_that_explains_nothing(tmp_path):
     experiment = make_experiment()
     record = replace(make_record(experiment), verdict="unexplained")
     text = build(record, experiment, tmp_path).first_screen
@@ -480,7 +470,7 @@ def test_large_sets_are_described_by_what_differs():
     assert "share" not in Purpose("separate", [["hysteresis"], ["hysteresis", "preload"]]).say(PAGE)
 
 
-def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
+def test_a_proposal_that_hardly_separates_is_not_recommended(tmp_path):
     experiment = make_experiment("a rig")
     record = make_record(experiment)
     best = replace(record.next_experiment.proposals[0], separation=0.36, error=0.05, success=0.0)
@@ -514,7 +504,7 @@ def test_what_decides_little_or_no_better_than_others_is_said():
     )
 
 
-def test_what_is_left_is_to_be_measured_again(undrawn, tmp_path):
+def test_what_is_left_is_to_be_measured_again(tmp_path):
     """Structure that no cause explains: what it may follow so far, and what each outcome would mean."""
     experiment = make_experiment("a rig")
     record = unexplained(make_record(experiment))
@@ -537,7 +527,7 @@ def test_what_is_left_is_to_be_measured_again(undrawn, tmp_path):
     assert "explanations" not in plain(Purpose("narrow", parameter="k_c"))
 
 
-def test_a_proposal_names_its_drive_and_whose_motion_is_read(undrawn, tmp_path):
+def test_a_proposal_names_its_drive_and_whose_motion_is_read(tmp_path):
     """The burst and the bias belong to it; a velocity is the ball's."""
     first = make_record(make_experiment()).next_experiment.proposals[0]
     burst = replace(first, waveform="unipolar_sine", drive={"cycles": 5.0, "bias_v": 2.0})
@@ -555,7 +545,7 @@ def test_a_proposal_names_its_drive_and_whose_motion_is_read(undrawn, tmp_path):
     assert Purpose("narrow", parameter="of_a_plugin").say(PLAIN) == "determines of_a_plugin"
 
 
-def test_provenance_names_the_tables_that_hold_something(undrawn, tmp_path):
+def test_provenance_names_the_tables_that_hold_something(tmp_path):
     """Where launch speeds alone are read, the table of ranges has nothing but its heading."""
     speeds, experiment = OBSERVABLES.index(LAUNCH_SPEED), make_experiment()
     fast = [replace(g, measured=np.full(g.n_points, speeds, np.int8)) for g in experiment.groups]
@@ -569,7 +559,7 @@ def test_provenance_names_the_tables_that_hold_something(undrawn, tmp_path):
         assert f"Predictions of the adopted model{tables} Fingerprint" in " ".join(text.split())
 
 
-def test_no_gain_is_reported_where_no_cause_was_named(undrawn, tmp_path):
+def test_no_gain_is_reported_where_no_cause_was_named(tmp_path):
     """The training groups may name nothing by themselves: that is neither a gain of nothing nor an uncertain one."""
     experiment = make_experiment()
     record = make_record(experiment)

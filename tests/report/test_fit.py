@@ -28,6 +28,8 @@ from psafit.report.fit import write_report
 from psafit.report.fit_pictures import middle_words, pictured, shown_groups
 from psafit.validate import FAIR, GOOD, verdict
 
+pytestmark = pytest.mark.usefixtures("undrawn")  # pages that several tests read are drawn nevertheless
+
 
 @dataclass(frozen=True)
 class Page:
