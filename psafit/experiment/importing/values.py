@@ -88,6 +88,8 @@ def readings(
         own = {c.column: v for c in quantities if c.column in SETTINGS and (v := values.pop(c)) is not None}
         drive = _at_rest(grid, row, drive, chosen, settings | own, options)
         label = " ".join(text_of(_cell(row, c)) for c in chosen.of(GROUPS))
+        if chosen.of(GROUPS) and not label:
+            faults.add(GROUPS, "has no label", "write it into each row, also where cells were merged", row.line)
         repetitions = _repetitions(values, times, chosen)
         if faults.count == before and not repetitions:
             what, remedy = "is empty", "enter the value, or delete the row if nothing was read"
