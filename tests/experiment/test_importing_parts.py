@@ -388,6 +388,9 @@ def test_lines_above_the_headings_that_matter_to_the_drive_are_shown(tmp_path: P
     assert found.above == (volts, (2, "Burst cycles 5", "say --set cycles=NUMBER"))
     (found,) = tables(tmp_path, content, values=(("cycles", 5.0),))
     assert found.above == (volts,)
+    for burst, remedy in (("5 cycles", "say --set cycles=NUMBER"), ("5 ms", "give its periods, cycles, which are")):
+        (found,) = tables(tmp_path, f"Burst: {burst}\nf (Hz);Range (um);U (Vp)\n100;3;20\n")
+        assert found.above[0][2].startswith(remedy)
 
 
 @pytest.mark.parametrize("labels", ["Test 3;;;", "Hz;um;Vp;um", "Run;1;2;3", ";Ranges"])

@@ -35,7 +35,7 @@ from psafit.experiment.importing.layout import (
     number_rows,
     waveform_places,
 )
-from psafit.experiment.importing.matters import above
+from psafit.experiment.importing.matters import above, check_trigger
 from psafit.experiment.importing.numerals import is_number
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
 from psafit.experiment.importing.recorded import recorded
@@ -291,6 +291,8 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     """A table, read to its last cell."""
     grid, head, options = with_counts(grid, head, options)
     chosen = choose(grid, head, options)
+    if chosen.traced:
+        check_trigger(grid, head, options)
     shape = _shape(grid, head, chosen, waveform, options)
     rows = body(grid, head, [c.place for c in chosen.columns], options)
     read, decimal = readings(grid, head, chosen, rows, options, shape)

@@ -8,15 +8,16 @@ from dataclasses import dataclass
 from itertools import takewhile
 from operator import itemgetter
 
-from psafit.errors import Faults
+from psafit.errors import Faults, InputError
 from psafit.experiment.importing.chosen import Chosen, Column, cells, fault, option
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Head, is_comment
 from psafit.experiment.importing.numerals import is_number, likeliest
 from psafit.experiment.importing.quantities import COLUMNS, COUNT, QUANTITIES, words
 from psafit.experiment.importing.records import IGNORED, Options
-from psafit.experiment.importing.units import factor_of
+from psafit.experiment.importing.units import factor_of, unit
 from psafit.experiment.records import CONSTANT_UNITS
+from psafit.experiment.text import shown
 from psafit.experiment.writer import number_text
 
 
@@ -107,15 +108,27 @@ MATTERS = (
 )  # fmt: skip
 
 
+# A line may speak of it so, and a column may number bursts.
+_BURST = Matter(("burst",), "cycles")
+# What a header calls the moment of the trigger on the clock of its samples.
+_TRIGGER = Matter(
+    (
+        "trigger offset", "trigger delay", "trigger position", "trigger point", "trigger time", "horizontal offset",
+        "horizontal position", "horizontal delay", "hoffset", "x offset", "delay time", "pretrigger", "pre trigger",
+    ),
+    nothing=0.0,
+)  # fmt: skip
+
+
 def check_matters(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
     """A column that is not used, and of which it matters what it holds, is asked for."""
     for column in (c for c in chosen.unused if not c.mapped):
         for matter in (m for m in MATTERS if m.column not in options.held):
-            unit = _unit(column, head, matter)
-            numbers = _numbers(grid, head, column) if unit is not None else []
-            texts = _texts(grid, head, column) if unit is not None and not matter.column else []
+            said = _unit(column, head, matter)
+            numbers = _numbers(grid, head, column) if said is not None else []
+            texts = _texts(grid, head, column) if said is not None and not matter.column else []
             if any(number != matter.nothing for number in numbers) or not set(texts).issubset(matter.usual):
-                faults.add(fault(grid, head, *_asked(column, matter, unit or "", numbers)))
+                faults.add(fault(grid, head, *_asked(column, matter, said or "", numbers)))
 
 
 def above(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Iterator[tuple[int, str, str]]:
@@ -125,19 +138,49 @@ def above(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Iterator[
     themselves.
     """
     given = (*CONSTANT_UNITS, *options.held, *(c.column for c in chosen.columns if c.column))
-    every = (*(Matter(q.names, q.column, 0.0) for q in QUANTITIES if q.role == "drive"), *MATTERS)
+    every = (*(Matter(q.names, q.column, 0.0) for q in QUANTITIES if q.role == "drive"), _BURST, *MATTERS)
+    for line, text, matter in _named_above(grid, head, every):
+        if not (matter.flag or matter.column in given):
+            said = f":{_target(matter)}" if _target(matter) != COUNT else ""
+            yield line, text, f"say --set {matter.column}=NUMBER{said}" if matter.column else matter.remedy
+
+
+def check_trigger(grid: Grid, head: Head, options: Options) -> None:
+    """A line above a trace that speaks of its trigger may say when the drive starts, if nobody does.
+
+    Raises
+    ------
+    InputError
+        With the first such line.
+    """
+    for line, text, _ in _named_above(grid, head, (_TRIGGER,)) if options.start_us is None else ():
+        what = f"{shown(text)} may say when the drive starts, and times may count from there or not"
+        remedy = "say --start 0 if the drive starts at time 0, or its time: --start 1.5:ms"
+        raise InputError(what, remedy, file=grid.file, line=line)
+
+
+def _named_above(grid: Grid, head: Head, every: Sequence[Matter]) -> Iterator[tuple[int, str, Matter]]:
+    """Lines above the headings that begin with the name of a matter, and do not say what changes nothing.
+
+    Of several of one name it is the one in whose unit the value is.
+    """
     for row in takewhile(lambda row: row.line < head.line, (row for row in grid.rows if not row.is_blank)):
         filled = [*filter(None, row.texts)]
         text = " ".join(filled)
         parts = re.split("[:=]", text)
-        first, *values = parts if len(parts) > 1 else filled
-        named = [(len(name), m) for m in every for name in m.names if f"{words(first)} ".startswith(f"{name} ")]
-        _, matter = max(named, key=itemgetter(0), default=(0, None))
-        numbers = [number.value for value in values if (number := likeliest([value]).number(value.strip()))]
-        idle = matter and numbers and all(float(value) == matter.nothing for value in numbers)
-        if matter and not (matter.flag or idle or matter.column in given):
-            unit = f":{_target(matter)}" if _target(matter) != COUNT else ""
-            yield row.line, text, f"say --set {matter.column}=NUMBER{unit}" if matter.column else matter.remedy
+        first, *values = (part.strip() for part in (parts if len(parts) > 1 else filled))
+        found = [(likeliest([value]).number(value), unit(value)) for value in values]
+        kinds = {said.kind for number, alone in found if (said := (number and number.unit) or alone)}
+        named = [
+            (len(name), kinds <= {_target(m), *m.kinds}, m)
+            for m in every
+            for name in m.names
+            if f"{words(first)} ".startswith(f"{name} ")
+        ]
+        numbers = [float(number.value) for number, _ in found if number]
+        *_, matter = max(named, key=itemgetter(0, 1), default=(None,))
+        if matter and not (numbers and all(value == matter.nothing for value in numbers)):
+            yield row.line, text, matter
 
 
 def _target(matter: Matter) -> str:
@@ -186,4 +229,4 @@ def _asked(column: Column, matter: Matter, unit: str, numbers: Sequence[float]) 
     return f"column {column.name} is of the drive, and psafit has no such setting", f"{matter.remedy}, or say {ignored}"
 
 
-__all__ = ["above", "check_matters"]
+__all__ = ["above", "check_matters", "check_trigger"]
