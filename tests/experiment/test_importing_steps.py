@@ -97,6 +97,10 @@ ASKED: dict[str, tuple[str, dict[str, Any], str]] = {
         "f (Hz);Vp;Displacement (um)\n" + "".join(f"{f};20;{k}\n" for f in (1200, 1600) for k in range(12)),
         {"step_us": Decimal(1), "values": ()}, "give each trace a column or a file of its own",
     ),
+    "a header in the columns of samples": (
+        "Trace,Displacement\nVUnit,um\nBlockSize,12\nHOffset,0\n," + column().replace("\n", "\n,")[:-1],
+        {"step_us": Decimal(5)}, ":3: 'BlockSize' stands before a number that would be a sample, as in 2 lines",
+    ),
     "a word": (column("# dt = 1 us", "Displacement (um)").replace("0.51\n", "over\n"), {}, "'over' stands between"),
     "no use": (
         "Time (us),Velocity (mm/s)\n" + "".join(f"{k},{k}\n" for k in range(12)), {"step_us": Decimal(1)},

@@ -64,6 +64,7 @@ def with_counts(grid: Grid, head: Head, options: Options, *, recording: bool = F
         what = "the samples have no times, and nothing says when the drive starts"
         raise fault(grid, head, what, "say --start 0 if with the first of them, or how much later: --start 1.5:ms")
     rows = body(grid, head, places, options).rows
+    _check_header(grid, head, rows, min(places), options)
     _check_counter(grid, head, rows, [k for k, each in enumerate(could) if not each], options, step)
     for above, below in pairwise(rows):
         if below.line != above.line + 1:
@@ -81,6 +82,20 @@ def with_counts(grid: Grid, head: Head, options: Options, *, recording: bool = F
         replace(head, headings=headings, units=(*head.units, None)),
         replace(options, columns=columns),
     )
+
+
+def _check_header(grid: Grid, head: Head, rows: Sequence[Row], first: int, options: Options) -> None:
+    """A word before the number of a sample, where most samples have none, is of a header: no sample stands there."""
+    ignored = {place for m in options.columns if m.column == IGNORED for place in names(m, head.headings)}
+    before = [[t for k, t in enumerate(row.texts[:first]) if t and k not in ignored] for row in rows]
+    said = [(row, texts[0]) for row, texts in zip(rows, before, strict=True) if texts and not is_number(texts[0])]
+    if said and 2 * len(said) < len(rows):
+        lines = f", as in {len(said)} lines" if len(said) > 1 else ""
+        what = f"{shown(said[0][1])} stands before a number that would be a sample{lines}"
+        columns = dict.fromkeys(row.texts.index(text) for row, text in said)
+        ignore = " ".join(option(str(place + 1), IGNORED) for place in columns)
+        remedy = f"put # before each such line if it is of a header, or say {ignore} if they are samples"
+        raise InputError(what, remedy, file=grid.file, line=said[0][0].line)
 
 
 def _check_counter(
