@@ -186,12 +186,13 @@ def _check_unnamed(grid: Grid, head: Head, found: Iterable[Column], faults: Faul
     """A column of numbers without a name is no reading that may be left out, unless it numbers the rows."""
     for column in found:
         filled = cells(grid, head, column.place)
-        if column.heading.text or column.mapped or not head.line or not any(map(is_number, filled)):
+        named = column.column or (column.heading.text and not column.heading.is_ordinal)
+        if named or column.mapped or not head.line or not any(map(is_number, filled)):
             continue
         if column.place == 0 and counts_rows(whole([str(cell) for cell in filled])):
             continue
         number = str(column.place + 1)
-        what = f"column {number} holds numbers and has no heading"
+        what = f"column {number} holds numbers and has no heading that says what"
         faults.add(fault(grid, head, what, f"give it one, or say {option(number, IGNORED)}"))
 
 

@@ -33,6 +33,10 @@ _BETWEEN = re.compile(r"\s+in\s+|\s*[/,_:]\s*|\s+")
 _AT = re.compile(
     r"(?:\b(?:at|bei|à)\s+|@\s*)?(?<![A-Za-z0-9.,])(\d+(?:[.,]\d+)?)\s*([A-Za-zµμ]+(?:-[a-z]+)?)(?![A-Za-z0-9/])"
 )
+# A reading that was taken again: `2nd range`, `Range (um) repeat`.
+_ORDINAL = re.compile(r"(?<!\w)(\d{1,3})(?:st|nd|rd|th)(?!\w)", re.IGNORECASE)
+_AGAIN_WORDS = "|".join(sorted({*GENERIC, "again", "repeated", "duplicate", "copy", "wiederholung"}))
+_REPEATED = re.compile(rf"(?:(?:first|second|third) )?(.+?)(?: (?:{_AGAIN_WORDS}))*")
 # As pandas and R, and as MATLAB, write a heading that comes again: `range_um.1`, `range_um_1`.
 _AGAIN = re.compile(r"(.*\S)[._](\d{1,3})")
 _SPREAD = re.compile(r"\s*(?:±|\+/-|[us]\s*\([^\d()]+\))")
@@ -116,6 +120,11 @@ class Heading:
         return self.at if not rest.altered and (understood or called) else ()
 
     @property
+    def is_ordinal(self) -> bool:
+        """Whether it says which one, and not of what: ``2nd (um)``."""
+        return self.number is not None and not self.name
+
+    @property
     def numbers_a_part(self) -> bool:
         """Whether its number is that of a part of the rig, not of a repetition: ``Range ball 2``."""
         return self.number is not None and self.name.rpartition(" ")[2] in set().union(*PARTS.values())
@@ -161,6 +170,10 @@ class Heading:
         found = [q for q in QUANTITIES if self._called(q, said) and (said is None or said.kind == q.unit)]
         if not found and said and self.volts is None and self.name in GENERIC:
             found = [q for q in QUANTITIES if q.role == "reading" and q.unit == said.kind][:1]
+        if not found and said and self.is_ordinal:
+            found = [
+                q for q in QUANTITIES if q.role in ("reading", "trace") and (q.part, q.unit) == ("ball", said.kind)
+            ]
         return found
 
     def over_time(self, below: Unit | None = None) -> list[Quantity]:
@@ -179,6 +192,8 @@ class Heading:
             return False
         if not bare:  # a unit alone says what it is of
             return "" in quantity.names and said is not None
+        if quantity.role == "reading" and (again := _REPEATED.fullmatch(bare)):
+            bare = again[1]
         return bare in quantity.names or self.name in quantity.names
 
 
@@ -207,6 +222,10 @@ def heading(text: str) -> Heading:
         of_settings = first_one.own and COLUMNS[first_one.own].role not in ("reading", "error")
         if first_one.unit and first_one.number is None and not of_settings:
             return replace(first_one, text=text, number=int(again[2]))
+    if which := _ORDINAL.search(text):
+        any_of_them: Heading = heading(_ORDINAL.sub(" ", text, count=1))
+        if any_of_them.number is None:
+            return replace(any_of_them, text=text, number=int(which[1]))
     found, rest = _in_brackets(text)
     if found is None:
         found, rest = _at_the_end(text)
