@@ -36,6 +36,7 @@ from psafit.experiment.importing.quantities import (
     COLUMNS,
     COUNT,
     LEVELS,
+    MEANS,
     QUANTITIES,
     SUFFIXES,
     VOLTS,
@@ -366,7 +367,7 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
 def _check_readings(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
     """Say which columns may be the readings of a table without any: by their units, else by their names."""
     readings = [q for q in QUANTITIES if q.role == "reading"]
-    others = [c for c in chosen.unused if c.column != TIME and not c.mapped]
+    others = [c for c in chosen.unused if c.column != TIME and not (c.mapped or c.heading.spreads)]
     known = all_headings(head)
     what = f"no launch_range_um nor another reading among {known}"
     if not chosen.not_yet and (
@@ -381,6 +382,8 @@ def _check_readings(grid: Grid, head: Head, chosen: Chosen, options: Options, fa
     remedy = f"say {'of each that was read ' if len(said) > 1 else ''}{' '.join(said)}"
     remedy = f"{remedy}, with the unit behind a colon" if named and not near else remedy
     remedy = f"{remedy}, {AS_IT_STANDS}" if near or named else remedy
+    if any(not MEANS.isdisjoint(c.heading.name.split()) for c in others):
+        remedy = f"{remedy}; a mean counts as one reading: better give each that it is of"
     if not near and not named:
         remedy = f"{remedy}, or as one of {listed(name for name in ERROR_OF.values() if name != 'launch_range_um')}"
         scale = option(volts[0] if volts else "NAME", "launch_speed_mm_s", "5mm/s/V")
