@@ -439,6 +439,14 @@ def _check_unread(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
     optional = [q for q in QUANTITIES if q.role == "drive" or (q.role == "error" and not chosen.traced)]
     others = "trace" if chosen.traced else "reading" if chosen.readings else None
     further = [q for q in QUANTITIES if q.role == others]
+    for quantity in further if chosen.traced else ():
+        near = [c for c in chosen.unused if not (c.mapped or c.heading.spreads) and nearly(c, head, quantity)]
+        near = [c for c in near if not any(q.role == "error" for q in c.heading.quantities(head.units[c.place]))]
+        if near:
+            what = f"{listed(c.name for c in near)} may be {quantity.column}, too"
+            remedy = " ".join(option(c.option, quantity.column) for c in (*chosen.of(quantity.column), *near))
+            ignored = " ".join(option(c.option, IGNORED) for c in near)
+            faults.add(fault(grid, head, what, f"say {remedy}, {AS_IT_STANDS}, or {ignored}"))
     for column in (c for c in chosen.unused if not c.mapped):
         could = optional if column.heading.altered else [*optional, *further]
         said, of = head.unit(column.place), next((q for q in could if column.heading.would_be(q)), None)
