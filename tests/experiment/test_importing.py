@@ -153,7 +153,7 @@ ASKED: dict[str, tuple[Any, str, int | None]] = {
         "Vertical Units,V,V\nVertical Offset,0,0\nTIME,CH1,CH2\n0,1,2\n1e-6,2,3\n", "'TIME' looks like a trace", 3,
     ),
     "two channels of one name": (
-        "x-axis,1,2\nsecond,Volt,Volt\n0,1,2\n1e-6,2,3\n", "no frequency_hz --column 3=velocity_mm_s:5mm/s/V", 2,
+        "x-axis,1,2\nsecond,Volt,Volt\n0,1,2\n1e-6,2,3\n", "no frequency_hz --column '#3=velocity_mm_s:5mm/s/V'", 1,
     ),
     "a mean": (HEAD + "1200;20;76\n1300;20;75\nMean;20;75.5\n", "'Mean' sums up readings put # before it", 4),
     "a second table": (HEAD + "1200;20;76\n" + HEAD + "1300;20;75\n", "another table a file of its own", 3),

@@ -216,6 +216,21 @@ NO_READINGS = {
     "a condition between": (f"{SWEEP}\n1200;20;76\n# f = 1.3 kHz\n1200;20;75\n", "give each sweep a file"),
     "an end of the drive": (f"{SWEEP};Low level (V)\n1200;20;76;0\n", "is an end of the drive, whose middle no column"),
     "a reading in another unit": (f"{SWEEP};Peak force (lbf/in)\n1200;20;76;1\n", "is in 'lbf/in', which is no unit"),
+    "a block in another order": (
+        f"{SWEEP}\n1200;20;76\n1300;20;75\n\n20;1200;76\n20;1300;75\n",
+        "columns 'Frequency (Hz)' and 'Amplitude (Vp)' seem to have changed places from here on",
+    ),
+    "a repetition by another name": (
+        f"{SWEEP};Range (um) repeat\n1200;20;76;75\n",
+        "columns 'Range (um)', 'Range (um) repeat' could all be launch",
+    ),
+    "a second without its name": (f"{SWEEP};2nd (um)\n1200;20;76;75\n", "columns 'Range (um)', '2nd (um)' could all"),
+    "a second without its unit": (f"{SWEEP};2nd\n1200;20;76;75\n", "has no heading that says what"),
+    "a mean alone": (
+        "Frequency (Hz);Amplitude (Vp);Mean range (um);SD (um)\n1200;20;76;1\n",
+        "say --column 'Mean range (um)=launch_range_um', if its numbers are that by their unit, with no further factor"
+        "; a mean counts as one reading: better give each that it is of",
+    ),
     "a flag": (f"{SWEEP};Status\n1200;20;76;OK\n1300;20;75;OVERLOAD\n", "marks some readings, and psafit takes all"),
 }
 
@@ -230,6 +245,8 @@ def test_what_is_no_reading_is_not_counted_as_one(content: str, said: str, tmp_p
 READ_SO = {
     "as pandas writes repetitions": "frequency_hz;amplitude_v;range_um;range_um.1\n1200;20;76;75\n",
     "as MATLAB writes repetitions": "frequency_hz;amplitude_v;range_um;range_um_1\n1200;20;76;75\n",
+    "a block at conditions of its own": f"{SWEEP}\n1200;20;76\n\n1200;20;75\n",
+    "first and second": "frequency_hz;amplitude_v;1st range (um);Range 2nd (um)\n1200;20;76;75\n",
     "means alone": "Frequency (Hz);Amplitude (Vp);What;Range (um)\n1200;20;mean;76\n1200;20;mean;75\n",
     "Fortran's exponents": f"{SWEEP}\n1.2D+03;2D+1;7.6D+01\n1.2D+03;2D+1;7.5D+01\n",
     "Spanish, thousandths of an inch": (

@@ -295,6 +295,32 @@ def test_columns_of_one_quantity_by_their_numbers_keep_their_headings(tmp_path: 
     assert "no frequency_hz among the columns; say" in refused(tmp_path, "3;4\n5;6\n", columns=bare, values=HELD[1:])
 
 
+@pytest.mark.parametrize("above", ["x-axis,3,4\nsecond,Volt,Volt", "Time (s),3,4", "Clock,3,4", ",3,4"])
+def test_a_number_that_is_a_heading_and_of_another_column_is_asked_about(above: str, tmp_path: Path) -> None:
+    """What is proposed is read: the column of that heading, or the third one."""
+    content = f"{above}\n" + "".join(f"{k}e-6,{y:.6g},{k % 5}\n" for k, y in enumerate(MOTION))
+    time = Mapping("#1", "time_us", Unit("s"))
+    motion = Mapping("3", "displacement_um", scaled("1um/V"))
+    asked = refused(tmp_path, content, columns=(time, motion), values=HELD)
+    assert "'3' is the heading of column 2, and the number of another; say --column '#2=" in asked
+    for which, found in enumerate((MOTION, [k % 5 for k in range(12)])):
+        other = Mapping(("4", "#2")[which], "ignore")
+        group = one(tmp_path, content, columns=(time, proposed(asked, which), other), values=HELD)
+        assert group.reading == pytest.approx(found, rel=1e-5) and group.time_us[1] == 1.0
+
+
+def test_a_heading_that_is_a_number_is_no_number_of_what_has_a_name(tmp_path: Path) -> None:
+    mapped = tuple(Mapping(k, "launch_range_um", Unit("um")) for k in "12")
+    assert one(tmp_path, "f (Hz);Vp;1;2\n100;20;3;4\n", columns=mapped).reading.tolist() == [3.0, 4.0]
+
+
+@pytest.mark.parametrize("rows", ["A;100;20;3\n;110;20;4\n", ";100;20;3\nB;110;20;4\n"])
+def test_a_row_without_its_label_is_in_no_group(rows: str, tmp_path: Path) -> None:
+    """As of cells that were merged, of which the first alone holds what all do."""
+    asked = refused(tmp_path, f"Day;f (Hz);Vp;Range (um)\n{rows}", columns=(Mapping("Day", "group"),))
+    assert asked.endswith("group has no label; write it into each row, also where cells were merged")
+
+
 def test_units_below_headings_are_those_of_no_others(tmp_path: Path) -> None:
     """As in Origin, whose third row is a comment of each column; the units above it are of the headings."""
     content = trace("Time", lambda k: f"{k}e-6", motion="Displacement").replace("\n", "\ns;um\nRun 1;Trial 1\n", 1)

@@ -91,6 +91,10 @@ READ: dict[str, tuple[str, dict[str, Any], str]] = {
         {"columns": (Mapping("X", "time_us", scaled("5us")), Mapping("CH1", "velocity_mm_s", scaled("5mm/s/V")))},
         "velocity",
     ),
+    "an instrument behind a dash": (rows(1, first="Time (us) - dev1,x (um) - dev1\n"), {}, "displacement"),
+    "another clock": (rows(1, shift=5e5, first="Time (us),x (um)\n"), {"start_us": 5e5}, "displacement"),
+    "a trigger": (rows(first="Trigger offset: 1.5 ms,\nTime (us),x (um)\n"), {"start_us": 0.0}, "displacement"),
+    "no trigger": (rows(first="Trigger offset: 0,\nTime (us),x (um)\n"), {}, "displacement"),
     "a channel of the drive": (
         rows(1, first="Time (us),Displacement (um),U (V)\n").replace("\n", ",1\n").replace("(V),1", "(V)"),
         {"columns": (Mapping("U (V)", "ignore"),)},
@@ -129,6 +133,16 @@ ASKED: dict[str, tuple[str, dict[str, Any], str]] = {
         "'U (V)=ignore'",
     ),
     "before the start": (rows(first=HEAD, shift=-15), {}, "time_us begins at -15, before the start of the drive"),
+    "another clock": (rows(first=HEAD, shift=5e5), {}, "say --start 500000:us if with the first sample, or --start 0"),
+    "a trigger": (rows(first=f"Trigger offset: 1 ms,\n{HEAD}"), {}, "'Trigger offset: 1 ms' may say when the drive"),
+    "another motion": (
+        rows(first="Time (us),Tip (um),Ball (um)\n").replace("\n", ",1\n").replace("(um),1", "(um)"), {},
+        "'Ball (um)' may be displacement_um, too; say --column 'Ball (um)=displacement_um', if its numbers",
+    ),
+    "the same twice": (
+        rows(first="Time (us),x (um),Laser (um)\n").replace("\n", ",1\n").replace("(um),1", "(um)"), {},
+        "say --column 'x (um)=displacement_um' --column 'Laser (um)=displacement_um', if",
+    ),
     "rest unknown": (rows(first=HEAD), {"from_rest": True}, "no sample lies before the start"),
     "out of order": (rows(first=HEAD) + "3,1\n", {}, "3 comes after 55; sort the rows"),
     "too few": (rows(first=HEAD), {"every": 4}, "3 samples after the start of the drive; a trace has at least 10"),

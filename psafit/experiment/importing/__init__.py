@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import fields, replace
 from functools import partial
-from itertools import groupby
+from itertools import groupby, product
 from operator import itemgetter
 from pathlib import Path
 from typing import TypeVar
@@ -33,11 +33,12 @@ from psafit.experiment.importing.layout import (
     named_waveform,
     names,
     number_rows,
+    two_columns,
     waveform_places,
 )
 from psafit.experiment.importing.matters import above, check_trigger
 from psafit.experiment.importing.numerals import is_number
-from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
+from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS, SUFFIXES
 from psafit.experiment.importing.recorded import recorded
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
 from psafit.experiment.importing.steps import STEP, with_counts
@@ -248,6 +249,13 @@ def _content(table: Table) -> tuple[object, ...]:
 def _check_mappings(found: Sequence[tuple[Grid, Head]], options: Options) -> None:
     """Each mapping is about a column of some table."""
     faults = Faults()
+    for mapping, (grid, head) in product(options.columns, found):
+        if two := two_columns(mapping, head.headings):
+            what = f"{shown(mapping.heading)} is the heading of column {two[0] + 1}, and the number of another"
+            said = mapping.unit.said if mapping.unit else ""
+            said += SUFFIXES[mapping.unit.volts] if mapping.unit and mapping.unit.volts else ""
+            remedy = f"say {' or '.join(option(f'#{place + 1}', mapping.column, said) for place in two)}"
+            faults.add(InputError(what, remedy, file=grid.file, line=head.line))
     for mapping in options.columns:
         if not any(names(mapping, head.headings) for _, head in found):
             known = list(dict.fromkeys(h.text for _, head in found for h in head.headings if h.text))

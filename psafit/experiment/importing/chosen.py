@@ -82,7 +82,8 @@ class Column:
     def option(self) -> str:
         """What ``--column`` calls it; of several with one heading all, if they are readings, else its number."""
         one = self.heading.repeats and role(self.column) not in SIGNALS
-        return str(self.place + 1) if one else self.title
+        number = "#" if self.heading.text.isdigit() else ""
+        return f"{number}{self.place + 1}" if one or number else self.title
 
 
 @dataclass(frozen=True)

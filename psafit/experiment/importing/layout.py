@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
+import re
 import shlex
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 from psafit.drives import WAVEFORMS
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
-from psafit.experiment.importing.numerals import NOTATIONS, is_number
+from psafit.experiment.importing.numerals import NOTATIONS, is_number, likeliest
 from psafit.experiment.importing.quantities import BLANKS, CELL_ERRORS, COMMENTS, MEANS, MISSING, STEPS, sums_up, words
 from psafit.experiment.importing.records import IGNORED, Mapping, Options
 from psafit.experiment.importing.units import Unit, foreign, spacing, unit
@@ -49,7 +52,10 @@ class Head:
 
 
 def names(mapping: Mapping, headings: Sequence[Heading]) -> list[int]:
-    """Columns, from 0, that a mapping is about: those of this heading, with or without unit, or of this number."""
+    """Columns, from 0, that a mapping is about: those of this heading, with or without unit, or of this number.
+
+    ``#3`` is the third column, whatever its heading; ``3`` the one that is called so, if there is one.
+    """
     text = " ".join(mapping.heading.split()).casefold()
     if found := [place for place, h in enumerate(headings) if h.text.casefold() == text]:
         return found
@@ -62,7 +68,27 @@ def names(mapping: Mapping, headings: Sequence[Heading]) -> list[int]:
     ):
         if found := [place for place, h in could.items() if same(h)]:
             return found
-    return [int(text) - 1] if text.isascii() and text.isdigit() and 0 < int(text[:6]) <= len(headings) else []
+    return [k for k in _numbers([mapping]) if 0 <= k < len(headings)]
+
+
+def _numbers(mappings: Sequence[Mapping]) -> list[int]:
+    """The columns, from 0, that mappings name by their numbers."""
+    found = (re.fullmatch(r"#?([0-9]{1,6})", m.heading.strip()) for m in mappings)
+    return [int(number[1]) - 1 for number in found if number]
+
+
+def two_columns(mapping: Mapping, headings: Sequence[Heading]) -> tuple[int, int] | None:
+    """The column of this heading and the one of this number, from 0, where the other may be meant.
+
+    None where they are one, or the latter has a name that psafit knows, of something else.
+    """
+    text = mapping.heading.strip()
+    called, numbered = names(mapping, headings), names(replace(mapping, heading=f"#{text}"), headings)
+    if not (text.isdigit() and called and numbered) or numbered[0] in called:
+        return None
+    could = headings[numbered[0]].over_time()
+    other = could and mapping.column not in {IGNORED, *(q.column for q in could)}
+    return None if other else (called[0], numbered[0])
 
 
 def waveform_places(grid: Grid, head: Head) -> list[int]:
@@ -124,14 +150,22 @@ def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_li
         How far down it is looked for.
     """
     best: tuple[tuple[int, int], Head] | None = None
+    sure = False  # whether its headings are numbers, of channels
     begun = False  # whether a row above holds numbers where the user says by number that there are some
     for index, row in enumerate(grid.rows[:most_lines]):
+        if best and index < best[1].first and all(unit(text) for text in row.texts):  # of those headings
+            continue
         texts = _uncommented(row, grid.separator in BLANKS)
-        if sum(map(is_number, row.cells)) > sum(bool(t) and not is_number(t) for t in texts):
+        channels = _channels(grid, index)
+        if not channels and sum(map(is_number, row.cells)) > sum(bool(t) and not is_number(t) for t in texts):
             begun = begun or _holds(row, options)
             continue
         same = Counter(texts)
-        headings = tuple(replace(heading(text), repeats=same[text] > 1) if text else heading("") for text in texts)
+        shared = _shared_end(texts)
+        headings = tuple(
+            replace(heading(text.removesuffix(shared)), text=text, repeats=same[text] > 1) if text else heading("")
+            for text in texts
+        )
         units, first = _units(grid, headings, index + 1, options)
         if not any(units) and not (best and any(best[1].units) and best[1].first == index):  # of other headings
             units = _units_above(grid, len(headings), index - 1)
@@ -142,29 +176,49 @@ def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_li
         others = [(h, u) for k, (h, u) in enumerate(zip(headings, units, strict=True)) if k not in mapped]
         known = {could[0].column for h, u in others if (could := replace(h, altered="").over_time(u))}
         known |= {kind for h, u in others if (kind := _kind(h, u)) in of_unit}
-        if _holds(row, options):
+        if _holds(row, options) and not channels:
             if begun or not known:
                 continue
             begun = True
         known |= {f"{place} {column}" for place, column in mapped.items()}
         score = len(known), sum(map(is_number, below.cells)) if below else 0
         if known and (best is None or score > best[0]):
-            best = score, Head(row.line, headings, units, first, len(known))
-    if best is None or best[1].known < max(2, len({m.column for m in options.columns})):
+            best, sure = (score, Head(row.line, headings, units, first, len(known))), channels
+    if best is None or (not sure and best[1].known < max(2, len({m.column for m in options.columns}))):
         return _without_headings(grid, options) or (best and best[1])
     return best[1]
 
 
+def _shared_end(texts: Sequence[str]) -> str:
+    """What all headings of a row end in behind a dash, such as the instrument: no column differs by it."""
+    ends = {text[len(text.rpartition(" - ")[0]) :] for text in texts if text}
+    end = ends.pop() if len(ends) == 1 and sum(map(bool, texts)) > 1 else ""
+    said = heading(f"x{end}")
+    matters = said.altered or said.at or said.unit or said.spreads or sums_up(end)
+    return end if end.startswith(" - ") and not matters else ""
+
+
+def _channels(grid: Grid, index: int) -> bool:
+    """Whether a row is a name, or none, and different whole numbers, as of channels, above units or as many numbers."""
+    row = grid.rows[index]
+    numbered = len(row.cells) > 1 and len(set(row.texts)) == len(row.cells) and all(t.isdigit() for t in row.texts[1:])
+    if not numbered or is_number(row.cells[0]):
+        return False
+    below = next((r for r in grid.rows[index + 1 :] if not r.is_blank), row)
+    same = len(row.cells) == len(below.cells)
+    return same and (all(map(is_number, below.cells)) or all(unit(text) for text in below.texts))
+
+
 def _holds(row: Row, options: Options) -> bool:
     """Whether a row holds a number in each column that the user names by its number."""
-    places = [int(m.heading) - 1 for m in _used(options) if m.heading.isascii() and m.heading.isdigit()]
+    places = _numbers(_used(options))
     return bool(places) and all(0 <= p < len(row.cells) and is_number(row.cells[p]) for p in places)
 
 
 def _by_name(options: Options) -> bool:
     """Whether the user names some column by its heading, or none."""
     named = _used(options)
-    return not named or any(not (m.heading.isascii() and m.heading.isdigit()) for m in named)
+    return len(_numbers(named)) < max(1, len(named))
 
 
 def _used(options: Options) -> list[Mapping]:
@@ -362,7 +416,39 @@ def body(grid: Grid, head: Head, needed: Sequence[int], options: Options) -> Bod
         faults.end()
     if not rows:
         raise InputError("no readings below the headings", "add them", file=grid.file, line=head.line or None)
+    _check_order(grid, head, needed, rows)
     return Body(tuple(rows), (*left_out, *text_rows))
+
+
+def _check_order(grid: Grid, head: Head, needed: Sequence[int], rows: Sequence[Row], least: float = 100.0) -> None:
+    """Blocks that lines without readings part have their columns in one order, as far as the sizes of numbers show it.
+
+    Two have changed places where each is nearer to the other one in the first block; `least` is by how much in all.
+    """
+    parts: list[list[Row]] = []
+    for k, row in enumerate(rows):
+        if k == 0 or row.line > rows[k - 1].line + 1:
+            parts.append([])
+        parts[-1].append(row)
+    sizes = [{k: size for k in needed if (size := _size(part, k))} for part in parts] if len(parts) > 1 else []
+    for part, here in zip(parts[1:], sizes[1:], strict=True):
+        for a, b in combinations(sorted(here.keys() & sizes[0].keys()), 2):
+            (first, second), (one, other) = ((s[a], s[b]) for s in (sizes[0], here))
+            stays = abs(math.log(one / first)) + abs(math.log(other / second))
+            if stays > abs(math.log(one / second)) + abs(math.log(other / first)) + math.log(least):
+                which = " and ".join(shown(head.headings[k].text or str(k + 1)) for k in (a, b))
+                what = f"columns {which} seem to have changed places from here on"
+                remedy = "give these rows a file of their own; if they are in order, delete the lines that part them"
+                raise InputError(what, remedy, file=grid.file, line=part[0].line)
+
+
+def _size(rows: Sequence[Row], place: int) -> float:
+    """The mean size of the numbers in a column; 0 where there are none."""
+    cells = [row.cells[place] for row in rows if place < len(row.cells)]
+    notation = likeliest(cells)
+    sizes = [abs(float(number.value)) for cell in cells if (number := notation.number(cell))]
+    mean = sum(sizes) / max(1, len(sizes))
+    return mean if math.isfinite(mean) else 0.0
 
 
 def _between(rows: Sequence[Row], left_out: Sequence[tuple[int, str]]) -> dict[tuple[str, str], list[int]]:
