@@ -15,8 +15,9 @@ GPa, 0.27-0.30 and 7.83 g/cm^3 (data sheets, read). Sapphire and ruby are one cr
 from __future__ import annotations
 
 import math
-from collections.abc import Container
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from psafit.parameters import Belief, Bounds, LogNormal, Normal, Tailed
@@ -227,29 +228,8 @@ def beliefs(
     -------
     tuple of Followed
     """
-    found = []
-    ball = with_radius(rig, constants)
-
-    def follows(name: str, prior: Tailed, source: str, *keys: str, **rest: Any) -> None:
-        facts = tuple((key, getattr(constants if hasattr(constants, key) else rig, key)) for key in keys)
-        found.append(Followed(name, prior, source, facts=facts, **rest))
-
-    if (stiffness := hertz_stiffness(ball)) is not None:
-        weighed = "" if rig.ball_radius else ", the radius of a solid one of mass M,"
-        why = (
-            f"Hertz' contact of a {rig.ball_material} ball of {1e3 * (ball.ball_radius or 0):.3g} mm{weighed} on"
-            f" {rig.face_material}: {stiffness:.3g} N/m at 1 um; half of it, since rough or glued faces have a third,"
-            " and a linear contact stands for depths of 0.1 to 1 um"
-        )
-        follows("k_c", Tailed(LogNormal(0.5 * stiffness, 2.5)), why, "ball_radius" if rig.ball_radius else "M")
-    if ball.ball_radius is not None:
-        weight = constants.M * constants.g
-        why = (
-            f"5 mN of a radius of 9.4 mm, in proportion to one of {1e3 * ball.ball_radius:.3g} mm; a bond of"
-            f" four times the weight, {weight:.2g} N, would be seen when the ball is hung"
-        )
-        known = Tailed(Normal(0.0, 5e-3 * ball.ball_radius / 9.4e-3))
-        follows("adhesion_force", known, why, "ball_radius" if rig.ball_radius else "M", bounds=Bounds(0.0, 4 * weight))
+    follows = partial(_followed, rig, constants)
+    found = [*_of_ball(rig, constants, follows)]
     if rig.source_resistance is not None and rig.capacity is not None:
         lag = rig.source_resistance * rig.capacity
         why = (
@@ -258,28 +238,59 @@ def beliefs(
         )
         known = Tailed(Normal(lag, math.hypot(0.25 * lag, own_lag)))
         at_work = lags if lag > own_lag else None  # a lag that no reading shows is no more likely to be named
-        follows("amplifier_lag_tau", known, why, "source_resistance", "capacity", probability=at_work)
+        found.append(follows("amplifier_lag_tau", known, why, "source_resistance", "capacity", probability=at_work))
     if rig.rated_voltage is not None:
-        why = f"rated voltage of {rig.rated_voltage:g} V, at which the data sheet states the stroke"
-        at_work = anchored if is_rated_stroke(rig, constants) else None
-        known = Tailed(LogNormal(rig.rated_voltage, 1.1))
-        follows("anchored_voltage", known, why, "rated_voltage", probability=at_work)
         most = rig.rated_voltage
+        why = f"rated voltage of {most:g} V, at which the data sheet states the stroke"
+        at_work = anchored if is_rated_stroke(rig, constants) else None
+        found.append(
+            follows("anchored_voltage", Tailed(LogNormal(most, 1.1)), why, "rated_voltage", probability=at_work)
+        )
         why = f"offsets of 0.5 V and less; no drive rests beyond the rated voltage of {most:g} V"
-        follows("idle_u0", Tailed(Normal(0.0, 0.5)), why, "rated_voltage", bounds=Bounds(-most, most))
+        bounds = Bounds(-most, most)
+        found.append(follows("idle_u0", Tailed(Normal(0.0, 0.5)), why, "rated_voltage", bounds=bounds))
         stroke, key = rig.rated_stroke or most * constants.q, "rated_stroke" if rig.rated_stroke else "q"
         why = f"touch is judged to a micrometre; a tip that overshoots reaches twice the full stroke of {stroke:.3g} m"
         bounds = Bounds(0.0, 2 * stroke_tolerance * stroke)
-        follows("gap_width", Tailed(Normal(0.0, 1e-6)), why, key, "rated_voltage", bounds=bounds)
+        found.append(follows("gap_width", Tailed(Normal(0.0, 1e-6)), why, key, "rated_voltage", bounds=bounds))
     if rig.layer_thickness is not None:
         # Domain walls answer the field, not the voltage: what is usual of layers of 0.11 mm, by their thickness.
         per_volt = 1.1e-4 / rig.layer_thickness
         why = f"0.006 1/V of layers of 0.11 mm, in the field of layers of {1e3 * rig.layer_thickness:.3g} mm"
         known = Tailed(Normal(6e-3 * per_volt, 4e-3 * per_volt))
-        for name in ("anchored_alpha", "field_d33_alpha"):
-            follows(name, known, why, "layer_thickness")
+        found += [follows(name, known, why, "layer_thickness") for name in ("anchored_alpha", "field_d33_alpha")]
+    return tuple(found)
+
+
+def _followed(
+    rig: Rig, constants: Constants, name: str, prior: Tailed, source: str, *keys: str, **rest: Any
+) -> Followed:
+    """What follows from the facts or constants of these keys."""
+    facts = tuple((key, getattr(constants if hasattr(constants, key) else rig, key)) for key in keys)
+    return Followed(name, prior, source, facts=facts, **rest)
+
+
+def _of_ball(rig: Rig, constants: Constants, follows: Callable[..., Followed]) -> Iterator[Followed]:
+    """What follows from the ball and its string."""
+    ball = with_radius(rig, constants)
+    key = "ball_radius" if rig.ball_radius else "M"
+    if (stiffness := hertz_stiffness(ball)) is not None:
+        weighed = "" if rig.ball_radius else ", the radius of a solid one of mass M,"
+        why = (
+            f"Hertz' contact of a {rig.ball_material} ball of {1e3 * (ball.ball_radius or 0):.3g} mm{weighed} on"
+            f" {rig.face_material}: {stiffness:.3g} N/m at 1 um; half of it, since rough or glued faces have a third,"
+            " and a linear contact stands for depths of 0.1 to 1 um"
+        )
+        yield follows("k_c", Tailed(LogNormal(0.5 * stiffness, 2.5)), why, key)
+    if ball.ball_radius is not None:
+        weight = constants.M * constants.g
+        why = (
+            f"5 mN of a radius of 9.4 mm, in proportion to one of {1e3 * ball.ball_radius:.3g} mm; a bond of"
+            f" four times the weight, {weight:.2g} N, would be seen when the ball is hung"
+        )
+        known = Tailed(Normal(0.0, 5e-3 * ball.ball_radius / 9.4e-3))
+        yield follows("adhesion_force", known, why, key, bounds=Bounds(0.0, 4 * weight))
     why = f"2.5 degrees of a string of {1e3 * constants.l:.3g} mm, for whoever wants contact at every launch"
     known = Tailed(Normal(0.0, math.radians(2.5) * constants.l))
     for name in ("preload_offset", "session_lean_offset"):
-        follows(name, known, why, "l", bounds=Bounds(0.0, 0.5 * constants.l))
-    return tuple(found)
+        yield follows(name, known, why, "l", bounds=Bounds(0.0, 0.5 * constants.l))
