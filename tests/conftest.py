@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 # As the command line does: threads of the linear algebra library only wait for each other on our small matrices.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -56,15 +56,9 @@ def all_threads() -> Iterator[None]:
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are made, but not drawn: for tests of a page's text."""
     from matplotlib.figure import Figure
-    from PIL import Image
+    from pictures import blank
 
-    def save(self: Figure, file: IO[bytes], *, format: str, **_: object) -> None:
-        if format == "png":
-            Image.new("RGB", (1, 1)).save(file, format)
-        else:
-            file.write(b"<svg/>")
-
-    monkeypatch.setattr(Figure, "savefig", save)
+    monkeypatch.setattr(Figure, "savefig", blank)
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,7 @@ import click
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from PIL import Image
+from pictures import blank
 from scripts import loaded
 
 from psafit import cli, physics, plugins
@@ -311,14 +311,6 @@ def thinned(experiment: Experiment) -> Experiment:
         rows = np.unique(np.linspace(0, group.n_points - 1, 12).astype(int))
         groups.append(group.at(rows))
     return replace(experiment, groups=tuple(groups))
-
-
-def blank(figure: Figure, place: Any, *, format: str, **options: Any) -> None:
-    """An empty picture in the place of a figure's."""
-    if format == "png":
-        Image.new("RGB", (1, 1)).save(place, format="png")
-    else:
-        place.write(b"<svg xmlns='http://www.w3.org/2000/svg'/>")
 
 
 def set_up(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

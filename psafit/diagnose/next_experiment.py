@@ -127,11 +127,15 @@ class Proposal:
         return len(self.time_us or self.frequency_hz)
 
     @property
+    def counted(self) -> float:
+        """The separation as far as it counts: single log ratios count up to a limit."""
+        return min(self.separation, 0.9 * CLEAR)
+
+    @property
     def lead(self) -> str:
-        """The separation with its error; single log ratios count up to a limit."""
-        counted = 0.9 * CLEAR
-        if self.separation > counted:
-            return f"over {counted:.0f} nats"
+        """The separation with its error."""
+        if self.separation > self.counted:
+            return f"over {self.counted:.0f} nats"
         return f"{fixed(self.separation, 1)} +- {fixed(self.error, 1)} nats"
 
     @property
@@ -255,8 +259,8 @@ class NextExperiment:
     @property
     def as_good(self) -> int:
         """Number of other proposals that the first does not exceed by two standard errors, as far as nats count."""
-        best, *others = (replace(p, separation=min(p.separation, 0.9 * CLEAR)) for p in self.proposals)
-        return sum(best.separation - p.separation <= 2 * math.hypot(best.error, p.error) for p in others)
+        best, *others = self.proposals
+        return sum(best.counted - p.counted <= 2 * math.hypot(best.error, p.error) for p in others)
 
     def promise(self, proposal: Proposal, words: Words = PLAIN) -> str:
         """Return what a proposal is expected to do, in words, and whether that is little."""

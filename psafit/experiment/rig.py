@@ -15,7 +15,7 @@ GPa, 0.27-0.30 and 7.83 g/cm^3 (data sheets, read). Sapphire and ruby are one cr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -229,7 +229,7 @@ def beliefs(
     tuple of Followed
     """
     follows = partial(_followed, rig, constants)
-    found = [*_of_ball(rig, constants, follows)]
+    found = [*_of_ball(rig, constants)]
     if rig.source_resistance is not None and rig.capacity is not None:
         lag = rig.source_resistance * rig.capacity
         why = (
@@ -270,9 +270,9 @@ def _followed(
     return Followed(name, prior, source, facts=facts, **rest)
 
 
-def _of_ball(rig: Rig, constants: Constants, follows: Callable[..., Followed]) -> Iterator[Followed]:
+def _of_ball(rig: Rig, constants: Constants) -> Iterator[Followed]:
     """What follows from the ball and its string."""
-    ball = with_radius(rig, constants)
+    follows, ball = partial(_followed, rig, constants), with_radius(rig, constants)
     key = "ball_radius" if rig.ball_radius else "M"
     if (stiffness := hertz_stiffness(ball)) is not None:
         weighed = "" if rig.ball_radius else ", the radius of a solid one of mass M,"

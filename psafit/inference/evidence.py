@@ -397,11 +397,10 @@ def sample_in_rounds(
         share = np.array(rounds_of)[:, None]
         both = logsumexp(density, axis=0, b=share)
         pool = Pool(u, h, h - both + math.log(share.sum()), n)
-        # What each proposal accounts for of the evidence is off by as much as its density is.
-        part = (share * np.exp(density - both)) @ pool.weights
-        pool = replace(pool, unsure=float(np.linalg.norm(part * [p.error for p in proposals])))
         if len(proposals) == how.most or (len(proposals) >= how.least and how.enough(pool)):
-            return pool
+            # What each proposal accounts for of the evidence is off by as much as its density is.
+            part = (share * np.exp(density - both)) @ pool.weights
+            return replace(pool, unsure=float(np.linalg.norm(part * [p.error for p in proposals])))
         proposals.append(adapted(pool, proposals[-1]))
 
 

@@ -21,16 +21,20 @@ def early(grid: Grid, samples: Sequence[Reading], options: Options) -> list[Read
     InputError
         Where there are some before 0, or none near it, and no start is given.
     """
-    before = [r for r in samples if dict(r.values)[TIME] < (options.start_us or 0.0)]
-    if before and options.start_us is None:
+    times = [dict(r.values)[TIME] for r in samples]
+    before = [r for r, time in zip(samples, times, strict=True) if time < (options.start_us or 0.0)]
+    if options.start_us is not None:
+        return before
+    if before:
         what = f"{TIME} begins at {dict(before[0].values)[TIME]:g}, before the start of the drive"
         remedy = "say --start 0 where that is at 0, or when it is: --start 1.5:ms; what lies before is left out"
         raise InputError(what, remedy, file=grid.file, line=before[0].line)
-    times = sorted(dict(r.values)[TIME] for r in samples)
-    few = len(times) < options.least_samples
-    if options.start_us is None and not few and times[0] > 10 * (times[-1] - times[0]) / (len(times) - 1):
-        what = f"{TIME} begins at {times[0]:g}, and nothing says when the drive starts"
-        remedy = f"say --start {times[0]:.10g}:us if with the first sample, or --start 0 if times count from its start"
+    if len(times) < options.least_samples:
+        return before
+    begin = min(times)
+    if begin > 10 * (max(times) - begin) / (len(times) - 1):
+        what = f"{TIME} begins at {begin:g}, and nothing says when the drive starts"
+        remedy = f"say --start {begin:.10g}:us if with the first sample, or --start 0 if times count from its start"
         raise InputError(what, remedy, file=grid.file, line=samples[0].line)
     return before
 
