@@ -473,10 +473,16 @@ class Parameter:
         x = self.prior.quantile(np.asarray(p, dtype=float), low * self.scale, high * self.scale)
         return np.clip(x / self.scale, low, high)
 
+    @cached_property
+    def prior_middle(self) -> tuple[float, float, float]:
+        """Sampling coordinates below which the prior holds 16, 50 and 84 %."""
+        low, middle, high = self.prior_quantile(np.array([0.16, 0.5, 0.84]))
+        return float(low), float(middle), float(high)
+
     @property
     def prior_median(self) -> float:
         """Value in the middle of the prior."""
-        return float(self.to_physical(self.prior_quantile(0.5)))
+        return float(self.to_physical(self.prior_middle[1]))
 
     def prior_share(self, value: float) -> float:
         """Share of the prior below a value."""

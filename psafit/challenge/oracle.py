@@ -233,7 +233,7 @@ def _starts(problem: Problem, answer: Answer, shares: tuple[float, ...]) -> list
     p = term.strength
     ends: tuple[tuple[Side, float], ...] = ((1, p.bounds.upper), (-1, p.bounds.lower))
     sides = [side for side, end in ends if end != p.neutral]
-    u = problem.prior_transform(np.full(problem.n_dim, 0.5))
+    u = problem.medians
     n = problem.n_physical - len(term.parameters)
     for i, q in enumerate(problem.parameters[:n]):
         u[i] = float(q.to_sampling(answer.parameters[q.name]))

@@ -470,8 +470,7 @@ def _width_left(best_model: Candidate, draws: ImportanceSample, n_draws: int = P
     """What the readings leave of the priors' widths, (n_physical,); less than nothing for spreads of sessions."""
     problem = best_model.problem
     u = draws.resampled(n_draws)[:, : problem.n_physical]
-    q = problem.prior_transform(np.array([[0.16] * problem.n_dim, [0.84] * problem.n_dim]))
-    prior = 0.5 * (q[1] - q[0])[: problem.n_physical]
+    prior = 0.5 * problem.prior_widths[: problem.n_physical]
     hyper = {t.strength.name for t in best_model.terms if t.latent}
     return np.where([name in hyper for name in problem.names[: problem.n_physical]], -1.0, u.std(axis=0) / prior)
 

@@ -197,7 +197,7 @@ class Candidate:
     def within(self, larger: Problem) -> tuple[FloatArray, NDArray[np.intp]]:
         """The best mode in a larger model's coordinates, the new at its prior's median, and where the old is."""
         shared = np.array([larger.names.index(name) for name in self.problem.names])
-        at = larger.prior_transform(np.full(larger.n_dim, 0.5))
+        at = larger.medians
         at[shared] = self.modes[0]
         return at, shared
 

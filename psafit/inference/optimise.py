@@ -171,7 +171,7 @@ def starts_of(
     for part in np.array_split(np.arange(len(draws)), math.ceil(len(draws) / 1024)):
         likelihood, draws[part, n:] = _scatter(problem, problem.predict(draws[part]))
         log_posterior[part] += likelihood
-    width = np.ptp(problem.prior_transform(np.array([[0.16] * problem.n_dim, [0.84] * problem.n_dim])), axis=0)[:n]
+    width = problem.prior_widths[:n]
     left = np.argsort(np.where(np.isfinite(log_posterior), -log_posterior, np.inf), kind="stable")
     if problem.terms:
         # A cause's far end has its best draws, too, though nearer ones look better until all else is fitted to them.
@@ -215,7 +215,7 @@ def joined_values(problem: Problem, values: Mapping[str, float]) -> FloatArray:
     (n_dim,) array
         Sampling coordinates. What is not known is at its neutral value, where it has any, else at its prior's median.
     """
-    u = problem.prior_transform(np.full(problem.n_dim, 0.5))
+    u = problem.medians
     for i, p in enumerate(problem.parameters):
         value = values.get(p.name, p.neutral)
         if value is not None and p.bounds.lower <= value <= p.bounds.upper:

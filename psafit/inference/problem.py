@@ -228,6 +228,16 @@ class Problem:
         """Sampling coordinates at which each prior holds the fraction `p`; last axis n_dim."""
         return np.stack([q.prior_quantile(p[..., i]) for i, q in enumerate(self.parameters)], axis=-1)
 
+    @property
+    def medians(self) -> FloatArray:
+        """Sampling coordinates of the priors' medians, (n_dim,)."""
+        return np.array([p.prior_middle[1] for p in self.parameters])
+
+    @property
+    def prior_widths(self) -> FloatArray:
+        """Widths of the priors' middle 68 % in the sampling coordinates, (n_dim,)."""
+        return np.array([p.prior_middle[2] - p.prior_middle[0] for p in self.parameters])
+
     def predict(
         self, u: FloatArray, group_ids: Sequence[GroupId] | None = None, rng: np.random.Generator | None = None
     ) -> FloatArray:

@@ -132,7 +132,7 @@ def widened(
         (neutral, *_) = halved(term.strength, np.array([np.inf]))[:, 0]
         rows.append(known[None].copy())
         for p in term.parameters:
-            rows[-1][0, problem.names.index(p.name)] = p.prior_quantile(0.5)
+            rows[-1][0, problem.names.index(p.name)] = p.prior_middle[1]
         places = _scanned(problem, known, term, s, seed)
         change = changed(places)
         effect = left(change)

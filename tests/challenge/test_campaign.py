@@ -158,7 +158,7 @@ def test_a_diagnosis_that_breaks_its_contract_is_a_failure(known: Experiment, tm
 
 @pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_gives_what_one_process_gives(known: Experiment, tmp_path: Path) -> None:
-    specs = given(plan(4, terms=["gap"], each=0, nothing=8, pairs=0, drawn=0))
+    specs = given(plan(4, terms=["gap"], each=0, nothing=4, pairs=0, drawn=0))
     serial = run(specs, tmp_path / "serial", design_of=known, diagnose=deaf, jobs=1)
     with two_workers() as cluster:
         killed: list[int] = []

@@ -75,15 +75,6 @@ def test_evidence_knows_of_a_plateau_wherever_the_optimisation_ended(place):
     assert found.log_evidence == pytest.approx(importance_sample(fitted, seed=2).log_evidence, abs=0.2)
 
 
-@pytest.mark.slow
-def test_evidence_is_that_of_a_nested_sampler(sound):
-    """Two ways that share but the simulator: optimisations, emulator and weights; and shells from the prior inwards."""
-    pytest.importorskip("nautilus")
-    ours = importance_sample(sound, seed=1)
-    theirs = nested_evidence(sound.problem, seed=1, n_live=150, effective=150)
-    assert ours.log_evidence == pytest.approx(theirs.log_evidence, abs=0.5)
-
-
 @pytest.mark.filterwarnings("error")
 def test_one_draw_far_above_all_others_is_no_width(sound):
     """A first round that misses a narrow posterior but once: the emulator must still say something of other places."""
@@ -158,7 +149,8 @@ def test_two_modes_get_the_weight_that_each_gets_alone_and_that_the_nested_sampl
     assert found.log_posteriors[tops[1]] < found.log_posterior - 5 and alone[1] > alone[0] + 1
     whole = importance_sample(found, seed=2).log_evidence
     assert whole == pytest.approx(np.logaddexp.reduce(alone), abs=0.3)
-    assert whole == pytest.approx(nested_evidence(rig, seed=2, n_live=300, effective=400).log_evidence, abs=0.5)
+    theirs = nested_evidence(rig, seed=2, n_live=300, effective=100, n_networks=1)
+    assert whole == pytest.approx(theirs.log_evidence, abs=0.5)
 
 
 def test_what_the_readings_hardly_determine_is_as_wide_as_its_bounds():

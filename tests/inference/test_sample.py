@@ -87,7 +87,7 @@ def test_draws_above_all_looks_lead_on() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1, 3])
+@pytest.mark.parametrize("seed", [0, 3])
 def test_a_second_mode_of_the_baseline_is_not_lost(seed):
     """A look elsewhere finds it from any one mode; the posterior of all of them holds the truth."""
     rig, truth = rig_with_two_modes(seed)

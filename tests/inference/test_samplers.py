@@ -119,13 +119,13 @@ def test_a_nested_sampler_finds_the_same_and_goes_on(target: Target, tmp_path: P
     """From the prior alone; interrupted, it draws the same."""
     pytest.importorskip("nautilus")
     own, seen = sampler("nautilus"), list[Progress]()
-    settings = replace(own.settings(target.problem), n_live=150, effective_samples=200.0, chunk=2000)
+    settings = replace(own.settings(target.problem), n_live=100, n_networks=1, effective_samples=100.0, chunk=1000)
     whole = own.draw(replace(target, path=tmp_path / "a.h5"), settings, seen.append)
     assert whole.converged and len(seen) > 1
     cut = replace(target, path=tmp_path / "b.h5")
-    assert not own.draw(cut, replace(settings, max_steps=2000), lambda state: None).converged
+    assert not own.draw(cut, replace(settings, max_steps=1000), lambda state: None).converged
     reported = own.look(cut.path, settings.determinants, target.problem.n_dim, 10**6)
-    assert reported is not None and reported.steps >= 2000 and not reported.converged
+    assert reported is not None and reported.steps >= 1000 and not reported.converged
     assert np.array_equal(own.draw(cut, settings, lambda state: None).draws, whole.draws)
     with pytest.raises(InputError, match="belongs to another run"):
         own.draw(replace(cut, identity="y"), settings, lambda state: None)

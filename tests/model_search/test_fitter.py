@@ -20,6 +20,7 @@ from truths import FEW, experiment, problem
 from psafit.errors import ConvergenceError, InputError
 from psafit.inference.candidate import candidate_at
 from psafit.inference.memory import Memory
+from psafit.inference.problem import Problem
 from psafit.model_search import ModelSet, SearchSettings, search_models
 from psafit.model_search import fitter as fitting
 from psafit.model_search.fitter import Fitted, ProblemFitter
@@ -27,6 +28,16 @@ from psafit.model_search.loop import Foreseen, Model
 
 PAIR = ("amplifier_lag", "flight_friction")
 SETTINGS = SearchSettings(most_causes=2)
+
+
+@pytest.fixture(scope="module")
+def alone() -> ModelSet:
+    """What one process finds in a few readings."""
+    return search_models(few_readings(), FEW, seed=1)
+
+
+def few_readings() -> Problem:
+    return problem(experiment(["amplifier_lag"], [4e-5], n=12))
 
 
 def test_a_short_fit_comes_near_the_evidence(hidden: ModelSet) -> None:
@@ -100,11 +111,9 @@ def test_a_search_of_no_causes_is_refused(hidden: ModelSet) -> None:
 
 
 @pytest.mark.slow
-def test_processes_search_what_one_would(tmp_path: Path) -> None:
-    one = problem(experiment(["amplifier_lag"], [4e-5], n=12))
-    alone = search_models(one, FEW, seed=1)
+def test_processes_search_what_one_would(alone: ModelSet, tmp_path: Path) -> None:
     for memory in (Memory(None), Memory(tmp_path)):
-        shared = search_models(one, FEW, seed=1, jobs=2, memory=memory)
+        shared = search_models(few_readings(), FEW, seed=1, jobs=2, memory=memory)
         assert shared.log_evidence == alone.log_evidence
         assert all(np.array_equal(c.modes, d.modes) for c, d in zip(shared.candidates, alone.candidates, strict=True))
 
@@ -185,9 +194,8 @@ def killing(memory: Memory, pids: Callable[[], Sequence[int]], dead: list[int]) 
 
 
 @pytest.mark.slow
-def test_a_search_whose_worker_is_killed_goes_on_with_the_same_command(tmp_path: Path) -> None:
-    one, dead = problem(experiment(["amplifier_lag"], [4e-5], n=12)), []  # type: ignore[var-annotated]
-    memory, alone = Memory(tmp_path), search_models(one, FEW, seed=1)
+def test_a_search_whose_worker_is_killed_goes_on_with_the_same_command(alone: ModelSet, tmp_path: Path) -> None:
+    one, memory, dead = few_readings(), Memory(tmp_path), []  # type: ignore[var-annotated]
     killer = killing(memory, lambda: list(get_reusable_executor(reuse=True)._processes), dead)
     with pytest.raises(InputError, match=r"ended from outside.*repeat the same command"):
         search_models(one, FEW, seed=1, jobs=2, memory=memory)
@@ -200,10 +208,10 @@ def test_a_search_whose_worker_is_killed_goes_on_with_the_same_command(tmp_path:
 
 
 @pytest.mark.slow
-def test_a_cluster_that_loses_a_worker_in_mid_search_finds_what_one_process_finds(tmp_path: Path) -> None:
-    one, dead = problem(experiment(["amplifier_lag"], [4e-5], n=12)), []  # type: ignore[var-annotated]
-    alone = search_models(one, FEW, seed=1)
-    memory = Memory(tmp_path)
+def test_a_cluster_that_loses_a_worker_in_mid_search_finds_what_one_process_finds(
+    alone: ModelSet, tmp_path: Path
+) -> None:
+    one, memory, dead = few_readings(), Memory(tmp_path), []  # type: ignore[var-annotated]
     with two_workers() as cluster:
         killer = killing(memory, lambda: [w.pid for w in cluster.workers.values()], dead)
         found = search_models(one, FEW, seed=1, scheduler=cluster.scheduler_address, memory=memory)

@@ -44,12 +44,12 @@ def draw(rng: np.random.Generator) -> tuple[np.ndarray, str, float, float]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", range(8))
+@pytest.mark.parametrize("part", range(4))
 def test_agrees_with_the_tight_reference_over_the_prior_range(part: int) -> None:
-    """In all 1,000 parameter sets drawn from the prior, launch range to 1e-8 relative."""
+    """In all 400 parameter sets drawn from the prior, launch range to 1e-8 relative."""
     seed = int(os.environ.get("PSAFIT_SEED", "20240521")) + part
     rng = np.random.default_rng(seed)
-    for _ in range(125):
+    for _ in range(100):
         theta = np.array([float(p.to_physical(p.prior_quantile(rng.uniform()))) for p in PARAMETERS])
         _, waveform, frequency, volt = draw(rng)
         design = Point(waveform, frequency, volt)  # type: ignore[arg-type]

@@ -69,7 +69,7 @@ def disagreement(one: Draw) -> float:
 @pytest.mark.parametrize("causes", CAUSES, ids=lambda c: "+".join(c) or "baseline")
 def test_engines_agree_with_the_reference(kind: str, causes: tuple[str, ...]) -> None:
     rng = np.random.default_rng([7, len(kind), len(causes)])
-    for _ in range(6):
+    for _ in range(3):
         one = draw(rng, terms(causes))
         point = Point(drives(rng)[kind], one.point.frequency, one.point.amplitude)
         one = Draw(point, one.theta, one.causes, one.values, one.constants)

@@ -51,7 +51,7 @@ def test_without_causes_it_is_the_baseline() -> None:
 
 @pytest.mark.slow
 def test_without_causes_it_is_the_baseline_over_many_draws() -> None:
-    agree_with_the_baseline(300, 12)
+    agree_with_the_baseline(75, 12)
 
 
 def test_a_strong_damper_costs_no_digits() -> None:

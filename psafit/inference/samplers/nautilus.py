@@ -61,6 +61,7 @@ def nested_evidence(
     seed: int,
     n_live: int = 1000,
     effective: float = 2000,
+    n_networks: int = 4,
     progress: Callable[[int], None] = lambda calls: None,
 ) -> NestedEvidence:
     """Evidence of a model by nested sampling.
@@ -73,6 +74,8 @@ def nested_evidence(
         Points that bound the likelihood's shells.
     effective : float
         Effective draws at the end: the evidence's error is far below the half nat that matters.
+    n_networks : int
+        Neural networks that bound each shell: most of the time goes into training them.
     progress : callable
         Called with the number of sets simulated so far.
 
@@ -85,7 +88,7 @@ def nested_evidence(
     InputError
         If nautilus is not installed.
     """
-    sampler = _sampler(problem, seed, n_live, progress)
+    sampler = _sampler(problem, seed, n_live, n_networks, progress)
     sampler.run(n_eff=effective, verbose=False)
     return NestedEvidence(float(sampler.log_z), float(sampler.n_eff), int(sampler.n_like))
 
@@ -94,6 +97,7 @@ def _sampler(
     problem: Problem,
     seed: int,
     n_live: int,
+    n_networks: int,
     progress: Callable[[int], None],
     path: Path | None = None,
     *,
@@ -118,8 +122,8 @@ def _sampler(
         return problem.prior_transform(np.clip(quantiles, 1e-12, 1 - 1e-12))
 
     return require()(
-        prior, log_likelihood, n_dim=problem.n_dim, n_live=n_live, n_batch=batch, vectorized=True, pass_dict=False,
-        seed=seed, filepath=path,
+        prior, log_likelihood, n_dim=problem.n_dim, n_live=n_live, n_networks=n_networks, n_batch=batch,
+        vectorized=True, pass_dict=False, seed=seed, filepath=path,
     )  # fmt: skip
 
 
@@ -131,6 +135,8 @@ class Settings(SamplerSettings):
     ----------
     n_live : int
         Live points.
+    n_networks : int
+        Neural networks that bound each shell.
     effective_samples : float
         Draws that are wanted at the end.
     chunk : int
@@ -141,6 +147,7 @@ class Settings(SamplerSettings):
 
     max_steps: int = 2_000_000
     n_live: int = 1000
+    n_networks: int = 4
     effective_samples: float = 2000
     chunk: int = 20_000
     chains: int = 4
@@ -176,12 +183,14 @@ class Nautilus:
 
     def _begun(self, target: Target, settings: Settings) -> Any:
         if not target.path.exists():
-            return _sampler(target.problem, target.seed, settings.n_live, lambda calls: None)
+            return _sampler(target.problem, target.seed, settings.n_live, settings.n_networks, lambda calls: None)
         remedy = "choose another --out, or move it elsewhere to draw anew"
         try:
             with h5py.File(target.path, "r") as f:
                 found = str(f.attrs["identity"])
-            sampler = _sampler(target.problem, target.seed, settings.n_live, lambda calls: None, target.path)
+            sampler = _sampler(
+                target.problem, target.seed, settings.n_live, settings.n_networks, lambda calls: None, target.path
+            )
         except (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError) as error:
             raise read_error(error, target.path, "not draws kept by psafit, or damaged", remedy) from error
         if found != target.identity:
