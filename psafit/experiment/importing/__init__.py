@@ -38,6 +38,7 @@ from psafit.experiment.importing.layout import (
 )
 from psafit.experiment.importing.matters import above, check_trigger
 from psafit.experiment.importing.numerals import is_number
+from psafit.experiment.importing.order import check_order
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS, SUFFIXES
 from psafit.experiment.importing.recorded import recorded
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
@@ -303,6 +304,7 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
         check_trigger(grid, head, options)
     shape = _shape(grid, head, chosen, waveform, options)
     rows = body(grid, head, [c.place for c in chosen.columns], options)
+    check_order(grid, chosen.columns, rows.rows)
     read, decimal = readings(grid, head, chosen, rows, options, shape)
     sampled = from_start(grid, read, options) if chosen.traced else None
     found = [r for t in sampled.traces for r in t.samples] if sampled else read

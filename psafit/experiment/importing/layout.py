@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 import re
 import shlex
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 from psafit.drives import WAVEFORMS
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
-from psafit.experiment.importing.numerals import NOTATIONS, is_number, likeliest
+from psafit.experiment.importing.numerals import NOTATIONS, is_number
 from psafit.experiment.importing.quantities import BLANKS, CELL_ERRORS, COMMENTS, MEANS, MISSING, STEPS, sums_up, words
 from psafit.experiment.importing.records import IGNORED, Mapping, Options
 from psafit.experiment.importing.units import Unit, foreign, spacing, unit
@@ -416,39 +414,7 @@ def body(grid: Grid, head: Head, needed: Sequence[int], options: Options) -> Bod
         faults.end()
     if not rows:
         raise InputError("no readings below the headings", "add them", file=grid.file, line=head.line or None)
-    _check_order(grid, head, needed, rows)
     return Body(tuple(rows), (*left_out, *text_rows))
-
-
-def _check_order(grid: Grid, head: Head, needed: Sequence[int], rows: Sequence[Row], least: float = 100.0) -> None:
-    """Blocks that lines without readings part have their columns in one order, as far as the sizes of numbers show it.
-
-    Two have changed places where each is nearer to the other one in the first block; `least` is by how much in all.
-    """
-    parts: list[list[Row]] = []
-    for k, row in enumerate(rows):
-        if k == 0 or row.line > rows[k - 1].line + 1:
-            parts.append([])
-        parts[-1].append(row)
-    sizes = [{k: size for k in needed if (size := _size(part, k))} for part in parts] if len(parts) > 1 else []
-    for part, here in zip(parts[1:], sizes[1:], strict=True):
-        for a, b in combinations(sorted(here.keys() & sizes[0].keys()), 2):
-            (first, second), (one, other) = ((s[a], s[b]) for s in (sizes[0], here))
-            stays = abs(math.log(one / first)) + abs(math.log(other / second))
-            if stays > abs(math.log(one / second)) + abs(math.log(other / first)) + math.log(least):
-                which = " and ".join(shown(head.headings[k].text or str(k + 1)) for k in (a, b))
-                what = f"columns {which} seem to have changed places from here on"
-                remedy = "give these rows a file of their own; if they are in order, delete the lines that part them"
-                raise InputError(what, remedy, file=grid.file, line=part[0].line)
-
-
-def _size(rows: Sequence[Row], place: int) -> float:
-    """The mean size of the numbers in a column; 0 where there are none."""
-    cells = [row.cells[place] for row in rows if place < len(row.cells)]
-    notation = likeliest(cells)
-    sizes = [abs(float(number.value)) for cell in cells if (number := notation.number(cell))]
-    mean = sum(sizes) / max(1, len(sizes))
-    return mean if math.isfinite(mean) else 0.0
 
 
 def _between(rows: Sequence[Row], left_out: Sequence[tuple[int, str]]) -> dict[tuple[str, str], list[int]]:
