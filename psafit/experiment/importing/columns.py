@@ -30,7 +30,7 @@ from psafit.experiment.importing.chosen import (
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Head, labels_above, names, waveform_places
 from psafit.experiment.importing.matters import check_matters
-from psafit.experiment.importing.numerals import counts_rows, is_number, likeliest, whole
+from psafit.experiment.importing.numerals import count_on, counts_rows, is_number, likeliest, whole
 from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, missing_conditions, voltages
 from psafit.experiment.importing.quantities import (
     COLUMNS,
@@ -92,7 +92,7 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     _check_one_table(grid, head, chosen, faults)
     faults.end()
     for column in dict.fromkeys(c.column for c in chosen.columns if c.column not in ERROR_OF):
-        _check_several(grid, head, chosen.of(column), faults)
+        _check_several(grid, head, chosen.of(column), options, faults)
     _check_errors(grid, head, chosen, faults)
     _check_numbers(grid, head, chosen, faults)
     _check_unread(grid, head, chosen, faults)
@@ -122,7 +122,7 @@ def choose_recording(grid: Grid, head: Head, options: Options) -> Chosen:
     for name in RECORDED:
         could = [c for c in mapped.values() if c.column == name] or _recording(head, mapped, name)
         if could:
-            _check_several(grid, head, could, faults)
+            _check_several(grid, head, could, options, faults)
             found.append(could[0])
         else:
             remedy = f"say {option('NAME', name, COLUMNS[name].unit)}"
@@ -210,14 +210,17 @@ def _without_settings(grid: Grid, head: Head, chosen: Chosen, faults: Faults) ->
     return replace(chosen, columns=kept, unused=(*chosen.unused, *columns))
 
 
-def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Faults) -> None:
+def _check_several(grid: Grid, head: Head, columns: Sequence[Column], options: Options, faults: Faults) -> None:
     """Several columns of one quantity are repetitions, if they are readings and numbered; else it is asked."""
     first = columns[0]
     if len({bool(c.at) for c in columns}) > 1:  # what is missing in a heading is said elsewhere
         return
     read, one_name = role(first.column) in READ, len({c.heading.text for c in columns}) == 1
-    labels = labels_above(grid, head, [c.place for c in columns]) if one_name else []
-    if len(columns) == 1 or (read and (first.mapped or (_repeated(columns) and not labels))):
+    above = labels_above(grid, head, [c.place for c in columns]) if read and not first.at else []
+    numbers = bool(above) and not any(label.strip("0123456789.,") for label in above)
+    labels = above if one_name or all(is_number(label) or not label for label in above) else []
+    settled = not numbers and _each_mapped(head, columns, options) if labels else first.mapped or _repeated(columns)
+    if len(columns) == 1 or (read and settled):
         return
     what = f"columns {listed(c.name for c in columns)} could all be {first.column}"
     last = columns[-1].option
@@ -225,10 +228,19 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Fa
         what = f"{what}, and {listed(shown(label) for label in labels if label)} above part them" if labels else what
         last = str(columns[-1].place + 1) if columns[-1].heading.repeats else last
     remedy = f"say which: {option(last, first.column)}{'; of repetitions each' if read else ''}"
+    if numbers:
+        remedy = "write what these are into the headings, such as Range at 5 Vpp (um); put # before them if they are no"
+        remedy = f"{remedy} conditions"
     apart = (
         "if each is of a trace of its own, save each with its trace in a file; else " if first.column == TIME else ""
     )
     faults.add(fault(grid, head, what, f"{apart}{remedy}"))
+
+
+def _each_mapped(head: Head, columns: Sequence[Column], options: Options) -> bool:
+    """Whether the user names each of these columns by itself."""
+    alone = {places[0] for m in options.columns if len(places := names(m, head.headings)) == 1}
+    return alone.issuperset(c.place for c in columns)
 
 
 def _check_errors(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
@@ -255,11 +267,16 @@ def _check_errors(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
 
 
 def _check_numbers(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
-    """Columns that the user names may differ by conditions among words that psafit does not know."""
-    unread = [c for c in chosen.columns if role(c.column) in READ and c.heading.at != c.at]
-    if len({c.heading.at for c in unread}) > 1:
+    """Columns that the user names may differ by conditions among words that psafit does not know, or without words."""
+    read = [c for c in chosen.columns if role(c.column) in READ]
+    unread = [c for c in read if c.heading.at != c.at]
+    bare = [c for c in read if is_number(c.heading.text) and not c.at]
+    if len({c.heading.at for c in unread}) < 2 and not count_on(whole([c.heading.text for c in bare])):
+        unread = bare
+    if len({c.heading.at or c.heading.text for c in unread}) > 1:
         what = f"{listed(c.name for c in unread)} name numbers that may be conditions, or something else"
         remedy = f"write conditions as in Range 1.2 kHz 40 Vpp (um), or say {option(unread[-1].option, IGNORED)}"
+        remedy = f"{remedy}; of repetitions number them from 1" if unread is bare else remedy
         faults.add(fault(grid, head, what, remedy))
 
 
