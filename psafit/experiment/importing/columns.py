@@ -33,12 +33,15 @@ from psafit.experiment.importing.matters import check_matters
 from psafit.experiment.importing.numerals import count_on, counts_rows, is_number, likeliest, whole
 from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, missing_conditions, voltages
 from psafit.experiment.importing.quantities import (
+    CHANNELS,
     COLUMNS,
     COUNT,
     LEVELS,
     MEANS,
+    NEUTRAL,
     QUANTITIES,
     SUFFIXES,
+    SUMMARIES,
     VOLTS,
     Quantity,
     Volts,
@@ -366,7 +369,9 @@ def _check_bare(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
 def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
     known = all_headings(head)
     for column in missing_conditions(grid, head, chosen, options, faults):
-        near, other = nearest(chosen.unused, head, column), _in_other_unit(chosen, head, column)
+        sound = [c for c in chosen.unused if not c.mapped and _sounds(grid, head, c, COLUMNS[column])]
+        near = nearest(chosen.unused, head, column) or (sound[0] if len(sound) == 1 else None)
+        other = _in_other_unit(chosen, head, column)
         what, remedy = "", f"say {_called(near, head, column)}{f', {AS_IT_STANDS}' if near else ''}"
         if other:
             what, remedy = other
@@ -429,12 +434,9 @@ def _each(found: Sequence[tuple[Column, Quantity]]) -> list[str]:
 
 def _sounds(grid: Grid, head: Head, column: Column, quantity: Quantity) -> bool:
     """Whether a column of numbers without a unit has a word in its heading that no other quantity's names have."""
-    others = [q for q in QUANTITIES if q.role not in ("trace", "error", "other") and q != quantity]
-    own = {word for name in quantity.names for word in name.split()}
-    own -= {word for q in others for name in q.names for word in name.split()}
     filled = cells(grid, head, column.place)
     in_numbers = bool(filled) and all(map(is_number, filled)) and head.unit(column.place) is None
-    return in_numbers and not column.heading.of_tip and not own.isdisjoint(column.heading.name.split())
+    return in_numbers and column.heading.sounds(quantity)
 
 
 def _called(near: Column | None, head: Head, column: str) -> str:
@@ -442,7 +444,9 @@ def _called(near: Column | None, head: Head, column: str) -> str:
     if near is None:
         return option("NAME", column, EXAMPLES[column][0])
     unit = head.unit(near.place)
-    if column != "amplitude_v" or unit is None or unit.volts or near.heading.counts:
+    if unit is None:
+        return f"{option(near.option, column)} with the unit behind a colon"
+    if column != "amplitude_v" or unit.volts or near.heading.counts:
         return option(near.option, column)
     ways = listed(f"{unit.text}{suffix}" for suffix in SUFFIXES.values() if suffix != "pp")
     return f"{option(near.option, column, f'{unit.text}pp')}, or {ways}, as it is"
@@ -456,12 +460,14 @@ def _check_unread(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
     optional = [q for q in QUANTITIES if q.role == "drive" or (q.role == "error" and not chosen.traced)]
     others = "trace" if chosen.traced else "reading" if chosen.readings else None
     further = [q for q in QUANTITIES if q.role == others]
-    for quantity in further if chosen.traced else ():
-        near = [c for c in chosen.unused if not (c.mapped or c.heading.spreads) and nearly(c, head, quantity)]
-        near = [c for c in near if not any(q.role == "error" for q in c.heading.quantities(head.units[c.place]))]
+    unclear = (q for q in further if chosen.traced or {c.mapped for c in chosen.of(q.column)} == {False})
+    for quantity in unclear:
+        near = [c for c in chosen.unused if not c.mapped and _may_be(grid, head, c, quantity, traced=chosen.traced)]
         if near:
             what = f"{listed(c.name for c in near)} may be {quantity.column}, too"
-            remedy = " ".join(option(c.option, quantity.column) for c in (*chosen.of(quantity.column), *near))
+            units = {c: quantity.unit for c in near if head.unit(c.place) is None}
+            each = (*chosen.of(quantity.column), *near)
+            remedy = " ".join(option(c.option, quantity.column, units.get(c, "")) for c in each)
             ignored = " ".join(option(c.option, IGNORED) for c in near)
             faults.add(fault(grid, head, what, f"say {remedy}, {AS_IT_STANDS}, or {ignored}"))
     for column in (c for c in chosen.unused if not c.mapped):
@@ -476,6 +482,23 @@ def _check_unread(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
             what = f"column {column.name} may be {of.column}, or something made of that"
             remedy = f"say {option(column.option, of.column)}, {AS_IT_STANDS}, or {option(column.option, IGNORED)}"
             faults.add(fault(grid, head, what, remedy))
+
+
+def _may_be(grid: Grid, head: Head, column: Column, quantity: Quantity, *, traced: bool) -> bool:
+    """Whether a column next to others of a quantity may be that, too, which its heading does not say for sure.
+
+    Next to a motion it has the unit. Next to launches it also has a word of the quantity's, or no word but a channel's;
+    what sums up the others, or is an error, is none.
+    """
+    named, said = column.heading, {word.rstrip("0123456789") for word in column.heading.name.split()} - {""}
+    if named.spreads or any(q.role == "error" for q in named.quantities(head.units[column.place])):
+        return False
+    if traced:
+        return nearly(column, head, quantity)
+    if named.altered or not said.isdisjoint(SUMMARIES):
+        return False
+    called = named.sounds(quantity) or said <= CHANNELS | NEUTRAL
+    return (nearly(column, head, quantity) and called) or _sounds(grid, head, column, quantity)
 
 
 def _in_other_unit(chosen: Chosen, head: Head, name: str) -> tuple[str, str] | None:

@@ -20,6 +20,7 @@ from psafit.experiment.importing.quantities import (
     COMMENTS,
     MEANS,
     MISSING,
+    QUANTITIES,
     STEPS,
     sums_up,
     words,
@@ -158,7 +159,9 @@ def is_comment(text: str) -> bool:
     return text.startswith(COMMENTS) and text.upper() not in CELL_ERRORS
 
 
-def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_lines: int = 300) -> Head | None:
+def find_head(
+    grid: Grid, options: Options, of_unit: Sequence[str] = (), *, loosely: bool = False, most_lines: int = 300
+) -> Head | None:
     """The row of a file in which most headings are recognised; None where none is.
 
     Parameters
@@ -167,6 +170,8 @@ def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_li
     options : Options
     of_unit : sequence of str
         Units, of psafit's, that make a column known by themselves.
+    loosely : bool
+        Whether a column without a unit is known by one word of its heading.
     most_lines : int
         How far down it is looked for.
     """
@@ -197,6 +202,7 @@ def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_li
         others = [(h, u) for k, (h, u) in enumerate(zip(headings, units, strict=True)) if k not in mapped]
         known = {could[0].column for h, u in others if (could := replace(h, altered="").over_time(u))}
         known |= {kind for h, u in others if (kind := _kind(h, u)) in of_unit}
+        known |= {sound for h, u in others if loosely and not _kind(h, u) and (sound := _sound(h))}
         if _holds(row, options) and not channels:
             if begun or not known:
                 continue
@@ -250,6 +256,12 @@ def _kind(named: Heading, below: Unit | None) -> str:
     """The unit of psafit's that a column's can be turned into; empty where there is none."""
     said = named.unit or below
     return said.kind if said else ""
+
+
+def _sound(named: Heading) -> str:
+    """The condition or reading that a heading sounds like; empty where it sounds like none."""
+    could = (q.column for q in QUANTITIES if q.role in ("condition", "reading") and named.sounds(q))
+    return next(could, "")
 
 
 def _without_headings(grid: Grid, options: Options) -> Head | None:
