@@ -515,7 +515,16 @@ def test_the_nearest_column_of_any_reading_is_proposed(name: str, column: str, t
     assert table.groups[0].observable.column == column
 
 
-FURTHER = ["Range B (um)", "Range bis (um)", "Range (um) B", "Range_CH2 (um)", "CH2 (um)", "Range B", "Range bis"]
+FURTHER = [
+    "Shot B (um)",
+    "Range B (um)",
+    "Range bis (um)",
+    "Range (um) B",
+    "Range_CH2 (um)",
+    "CH2 (um)",
+    "Range B",
+    "Range bis",
+]
 
 
 @pytest.mark.parametrize("name", FURTHER)

@@ -36,6 +36,7 @@ from psafit.experiment.importing.quantities import (
     CHANNELS,
     COLUMNS,
     COUNT,
+    GENERIC,
     LEVELS,
     MEANS,
     NEUTRAL,
@@ -497,7 +498,7 @@ def _may_be(grid: Grid, head: Head, column: Column, quantity: Quantity, *, trace
         return nearly(column, head, quantity)
     if named.altered or not said.isdisjoint(SUMMARIES):
         return False
-    called = named.sounds(quantity) or said <= CHANNELS | NEUTRAL
+    called = named.sounds(quantity) or said <= CHANNELS | NEUTRAL | GENERIC
     return (nearly(column, head, quantity) and called) or _sounds(grid, head, column, quantity)
 
 

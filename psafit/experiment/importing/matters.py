@@ -84,7 +84,7 @@ MATTERS = (
         "cycles",
     ),
     Matter(("burst duration", "burst time", "on time"), kinds=("", "us"), remedy=_PERIODS),
-    Matter(("burst", "burst mode"), "cycles", usual=_NO),
+    Matter(("burst", "bursts", "burst mode"), "cycles", usual=_NO),
     Matter(("burst", "burst length"), kinds=("us",), remedy=_PERIODS),
     Matter(
         ("polarity", "polarität", "polarité"),

@@ -58,7 +58,14 @@ def _sizes(rows: Sequence[Row], place: int) -> FloatArray:
 
 
 def _changed(
-    both: FloatArray, parts: Parts, *, least: float = 50.0, near: float = 2.0, apart: float = 4.0, block: int = 4
+    both: FloatArray,
+    parts: Parts,
+    *,
+    least: float = 25.0,
+    near: float = 2.0,
+    apart: float = 4.0,
+    jump: float = 2.0,
+    block: int = 4,
 ) -> bool:
     """Whether two columns have changed places: the rows fit each other better the other way round.
 
@@ -73,16 +80,22 @@ def _changed(
         One of them is the same then, within this factor: a sweep is repeated at another amplitude, say.
     apart : float
         So far apart are the ratios of both in the two parts: numbers over time pass each other.
+    jump : float
+        By this factor both jump at the first row of the other order, in opposite ways: those of a sweep pass, too.
     block : int
         So many rows or more stand in one order, on average: conditions that were mixed do not.
     """
     there, here = (both[:, rows].mean(axis=1) for rows in parts)
     stays, changes = np.abs(here - there), np.abs(here[::-1] - there)
     between = sum(np.abs(both[0] - both[1])[rows].min() for rows in parts)
+    first = int(parts[1].argmax())
+    steps = both[:, first] - both[:, first - 1]
     return bool(
         stays.sum() - changes.sum() > math.log(least)
         and changes.min() <= math.log(near)
         and between >= math.log(apart)
+        and steps.prod() < 0
+        and np.abs(steps).min() >= math.log(jump)
         and np.count_nonzero(np.diff(parts[1])) <= max(2, parts[1].size / block)
     )
 
