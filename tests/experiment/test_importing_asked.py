@@ -288,7 +288,7 @@ MATTERS = {
     "gain": ("Amplifier gain", "10", "1", "psafit has no such setting; give volts behind the amplifier"),
     **{
         name: (name, "4", "", "may be cycles of the drive")
-        for name in ("N burst", "Periods per burst", "Burst length", "Pulses")
+        for name in ("N burst", "Periods per burst", "Burst length", "Pulses", "Burst")
     },
     **{
         name: (name, "3", "", "psafit has no such setting; give its periods")
@@ -330,10 +330,18 @@ def test_what_matters_is_asked_for(name: str, cell: str, nothing: str, said: str
     assert name in table.unused
 
 
-@pytest.mark.parametrize("name", ["Phase shift (us)", "DC (A)", "Ball mass (pieces)", "Valid range (um)", "Burst"])
+@pytest.mark.parametrize("name", ["Phase shift (us)", "DC (A)", "Ball mass (pieces)", "Valid time (um)", "Burst No."])
 def test_what_only_sounds_so_does_not_matter(name: str, tmp_path: Path) -> None:
     (table,) = tables(tmp_path, f"f (Hz);Vp;Range (um);{name}\n1200;20;76;5\n")
     assert table.unused == (name,)
+
+
+@pytest.mark.parametrize("cell", ["on", "A"])
+def test_a_burst_in_words_matters(cell: str, tmp_path: Path) -> None:
+    content = f"f (Hz);Vp;Range (um);Burst\n1200;20;76;{cell}\n1300;20;75;{cell}\n"
+    assert refused(tmp_path, content).endswith("say --column Burst=cycles, or --column Burst=ignore")
+    (table,) = tables(tmp_path, content.replace(f";{cell}", ";off"))
+    assert table.unused == ("Burst",)
 
 
 def test_a_constant_of_the_rig_goes_to_its_place(tmp_path: Path) -> None:
@@ -505,6 +513,61 @@ def test_the_nearest_column_of_any_reading_is_proposed(name: str, column: str, t
         said = replace(said, unit=Unit(COLUMNS[column].unit))
     (table,) = tables(tmp_path, content, columns=(said,))
     assert table.groups[0].observable.column == column
+
+
+FURTHER = [
+    "Shot B (um)",
+    "Range B (um)",
+    "Range bis (um)",
+    "Range (um) B",
+    "Range_CH2 (um)",
+    "CH2 (um)",
+    "Range B",
+    "Range bis",
+]
+
+
+@pytest.mark.parametrize("name", FURTHER)
+def test_a_further_reading_is_not_left_out(name: str, tmp_path: Path) -> None:
+    content = f"f (Hz);Vp;Range (um);{name}\n1200;20;76;75\n"
+    asked = refused(tmp_path, content)
+    assert f"'{name}' may be launch_range_um, too; say --column 'Range (um)=launch_range_um' --column " in asked
+    *both, left = proposed(asked)
+    (table,) = tables(tmp_path, content, columns=tuple(both))
+    assert table.groups[0].reading.tolist() == [76.0, 75.0]
+    (table,) = tables(tmp_path, content, columns=(left,))
+    assert table.groups[0].reading.tolist() == [76.0]
+
+
+@pytest.mark.parametrize("name", ["Mean range (um)", "Range max", "Wire (um)", "Range (V)", "SD range", "CH2"])
+def test_what_is_no_further_reading_is_left_out(name: str, tmp_path: Path) -> None:
+    (table,) = tables(tmp_path, f"f (Hz);Vp;Range (um);{name}\n1200;20;76;3\n")
+    assert table.groups[0].reading.tolist() == [76.0] and table.unused == (name,)
+
+
+OF_DEVICES = [
+    "Frequency_GEN (Hz);Amplitude_GEN (Vp);Range_CH1 (um)",
+    "Frequency (Hz)_GEN;Amplitude (Vp)_GEN;Range (um)_CH1",
+    "Frequency (Hz) - GEN;Amplitude (Vp) - GEN;Range (um) - CH1",
+    "GEN Frequency (Hz);Amplitude (Vp);CH1 Range (um)",
+    "Frequency_GEN;Amplitude_GEN;Range_CH1",
+    "frequency_hz_GEN;amplitude_v_GEN;launch_range_um_CH1",
+]
+
+
+@pytest.mark.parametrize("head", OF_DEVICES)
+def test_columns_of_devices_are_named_one_by_one(head: str, tmp_path: Path) -> None:
+    """What each line proposes reads the file, with its unit where the heading has none."""
+    content = f"{head}\n1200;20;76\n"
+    with pytest.raises(InputError) as caught:
+        tables(tmp_path, content)
+    said = [proposed(line)[0] for line in str(caught.value).splitlines()]
+    units = {"frequency_hz": Unit("Hz"), "amplitude_v": Unit("V", "peak"), "launch_range_um": Unit("um")}
+    if "(" not in head:
+        said = [replace(each, unit=units[each.column]) for each in said]
+    (table,) = tables(tmp_path, content, columns=tuple(said))
+    (group,) = table.groups
+    assert (group.frequency_hz[0], group.amplitude_v[0], group.reading[0]) == (1200.0, 20.0, 76.0)
 
 
 def test_each_column_that_may_be_a_reading_is_proposed(tmp_path: Path) -> None:

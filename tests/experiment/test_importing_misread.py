@@ -216,10 +216,23 @@ NO_READINGS = {
     "a condition between": (f"{SWEEP}\n1200;20;76\n# f = 1.3 kHz\n1200;20;75\n", "give each sweep a file"),
     "an end of the drive": (f"{SWEEP};Low level (V)\n1200;20;76;0\n", "is an end of the drive, whose middle no column"),
     "a reading in another unit": (f"{SWEEP};Peak force (lbf/in)\n1200;20;76;1\n", "is in 'lbf/in', which is no unit"),
-    "a block in another order": (
-        f"{SWEEP}\n1200;20;76\n1300;20;75\n\n20;1200;76\n20;1300;75\n",
-        "columns 'Frequency (Hz)' and 'Amplitude (Vp)' seem to have changed places from here on",
-    ),
+    **{
+        f"{what} in another order": (
+            f"{SWEEP}\n1200;20;76\n1300;20;75\n{rows}",
+            f"columns '{which[0]}' and '{which[1]}' seem to have changed places from here on, in {n}",
+        )
+        for what, rows, which, n in (
+            (
+                "a block below an empty line",
+                "\n20;1200;76\n20;1300;75\n",
+                ("Frequency (Hz)", "Amplitude (Vp)"),
+                "2 rows",
+            ),
+            ("a block", "40;1200;150\n40;1300;148\n", ("Frequency (Hz)", "Amplitude (Vp)"), "2 rows"),
+            ("a block between", "76;20;1200\n75;20;1300\n1400;20;70\n", ("Frequency (Hz)", "Range (um)"), "2 rows"),
+            ("a row", "20;1400;70\n1500;20;69\n", ("Frequency (Hz)", "Amplitude (Vp)"), "1 row"),
+        )
+    },
     "a repetition by another name": (
         f"{SWEEP};Range (um) repeat\n1200;20;76;75\n",
         "columns 'Range (um)', 'Range (um) repeat' could all be launch",
@@ -267,6 +280,31 @@ def test_what_is_a_reading_is_read(content: str, tmp_path: Path) -> None:
     (group,) = table.groups
     assert (group.frequency_hz.tolist(), group.amplitude_v.tolist()) == ([1200.0] * 2, [20.0] * 2)
     assert group.reading.tolist() == pytest.approx([76.0, 75.0], rel=1e-14)
+
+
+IN_KHZ = "Frequency (kHz);Amplitude (Vp);Range (um)"
+FAR_APART = {
+    "other sizes": "0.1;20;76\n0.2;20;75\n10;20;1\n20;20;0.8\n",
+    "sizes of each other, in equal steps": "0.1;20;20\n0.2;20;19\n0.3;20;12\n10;20;0.3\n20;20;0.2\n30;20;0.15\n",
+    "mixed": "".join(f"{f};{a};{a}\n" for f, a in ((0.1, 20), (20, 0.1), (0.2, 20), (15, 0.2), (0.15, 30), (10, 0.1))),
+}
+
+
+@pytest.mark.parametrize("rows", FAR_APART.values(), ids=FAR_APART.keys())
+def test_frequencies_far_apart_are_in_order(rows: str, tmp_path: Path) -> None:
+    blocks = f"{IN_KHZ}\n{rows}".replace("\n10;", "\n\n10;", 1)
+    for content in (f"{IN_KHZ}\n{rows}", blocks):
+        (table,) = tables(tmp_path, content)
+        said = [float(row.partition(";")[0]) for row in rows.splitlines()]
+        assert table.groups[0].frequency_hz == pytest.approx([1000 * f for f in said])
+
+
+def test_sizes_that_change_places_are_in_order_in_another_unit(tmp_path: Path) -> None:
+    rows = [(0.1, 20, 30), (0.2, 20, 29), (20, 20, 0.2), (30, 20, 0.1)]
+    asked = refused(tmp_path, "\n".join([IN_KHZ, *(f"{f};{a};{r}" for f, a, r in rows)]))
+    assert asked.endswith("if they are in order, write one of both in another unit")
+    (table,) = tables(tmp_path, "\n".join([f"{SWEEP}", *(f"{1000 * f};{a};{r}" for f, a, r in rows)]))
+    assert table.groups[0].reading.tolist() == [r for *_, r in rows]
 
 
 @pytest.mark.parametrize("name", ["Drive (V, monitor 1:10)", "Piezo voltage (V/10)"])

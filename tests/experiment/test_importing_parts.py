@@ -405,6 +405,54 @@ def test_labels_above_the_headings_part_columns_of_one_name(labels: str, tmp_pat
     assert one(tmp_path, content, columns=each).reading.tolist() == [3.0, 4.0]
 
 
+HEAD = "Frequency (Hz),Range (um),Range (um),Range (um)\n"
+BARE = {
+    "above words": f",5,10,20\n{HEAD}",
+    "above words, named": f"Vpp,1,2,3\n{HEAD}",
+    "above words, with units": f"Test 3\n,5,10,20\nHz,um,um,um\n{HEAD}",
+    "above numbered words": ",0.5,1,2\nFrequency (Hz),Range 1 (um),Range 2 (um),Range 3 (um)\n",
+    "above names": ",5,10,20\nfrequency,reading,reading,reading\n",
+    "above an empty line": f",5.5,10,20\n,,,\n{HEAD}",
+    "below words": f"{HEAD},5,10,20\n",
+    "below words, named": f"{HEAD}Vpp,5,10,20\n",
+    "below words, with units": f"{HEAD},5 V,10 V,20 V\n",
+    "alone": ",5,10,20\n",
+    "behind a word": "Frequency,5,10,20\n",
+    "behind a word, no whole ones": "Frequency,0.5,1.5,2.5\n",
+}
+
+
+@pytest.mark.parametrize("bare", BARE.values(), ids=BARE.keys())
+@pytest.mark.parametrize("mark", [",", "\t"])
+def test_numbers_without_a_word_are_asked_about(bare: str, mark: str, tmp_path: Path) -> None:
+    """With whatever is said of the columns: what they were read at is in these numbers."""
+    content = f"{bare}100,1,2,3\n200,2,3,4\n300,1,2,3\n".replace(",", mark)
+    read = tuple(Mapping(f"#{k}", "launch_range_um", Unit("um")) for k in (2, 3, 4))
+    by_number = (Mapping("#1", "frequency_hz", Unit("Hz")), *read)
+    by_name = (Mapping("frequency", "frequency_hz", Unit("Hz")), Mapping("reading", "launch_range_um", Unit("um")))
+    for columns in ((), by_number, by_name if "reading" in bare else by_number):
+        for values in ((), HELD[1:]):
+            with pytest.raises(InputError):
+                tables(tmp_path, content, columns=columns, values=values)
+
+
+def test_what_bare_numbers_are_is_written_into_the_headings(tmp_path: Path) -> None:
+    content = f"{BARE['above words']}100,1,2,3\n200,2,3,4\n"
+    asked = refused(tmp_path, content, values=HELD[1:])
+    assert "'5', '10', '20' above part them; write what these are into the headings" in asked
+    named = content.partition("\n")[2]
+    for volts in (5, 10, 20):
+        named = named.replace("Range (um)", f"Range at {volts} Vp (um)", 1)
+    group = one(tmp_path, named)
+    assert group.amplitude_v.tolist() == [5, 10, 20] * 2 and group.reading.tolist() == [1, 2, 3, 2, 3, 4]
+    assert one(tmp_path, f"#{content}", values=HELD[1:]).n_points == 6
+
+
+@pytest.mark.parametrize("above", ["Run,1,2,3", ",1,2,3", ",0,1,2", "Shot,4,5,6", "Date,2026", "Lab,3"])
+def test_numbers_that_follow_one_another_part_none(above: str, tmp_path: Path) -> None:
+    assert one(tmp_path, f"{above}\n{HEAD}100,1,2,3\n", values=HELD[1:]).reading.tolist() == [1.0, 2.0, 3.0]
+
+
 def test_lines_above_the_headings_that_matter_to_the_drive_are_shown(tmp_path: Path) -> None:
     """What is no such name, is given, or is a constant of the rig, which is asked for anyway, is not."""
     lines = "# Amplifier gain: 20\nBurst cycles;5\n# Coupling: DC\n# Ball mass: 3 g\nOffset;0\nGain;1\n"

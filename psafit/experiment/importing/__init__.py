@@ -38,7 +38,8 @@ from psafit.experiment.importing.layout import (
 )
 from psafit.experiment.importing.matters import above, check_trigger
 from psafit.experiment.importing.numerals import is_number
-from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS, SUFFIXES
+from psafit.experiment.importing.order import check_order
+from psafit.experiment.importing.quantities import BLANKS, COLUMNS, QUANTITIES, SEPARATORS, SUFFIXES
 from psafit.experiment.importing.recorded import recorded
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
 from psafit.experiment.importing.steps import STEP, with_counts
@@ -154,6 +155,8 @@ def _heads(file: Path, options: Options, example: str, units: Sequence[str] = ()
     for line, what, remedy in filter(None, map(clocked, () if timed else found)):
         raise InputError(what, remedy, file=file, line=line)
     tries = [(grid, head) for grid in found if (head := find_head(grid, options, units))]
+    if all(grid.separator in BLANKS for grid, _ in tries):
+        tries = _nearly(found, options) or tries
     marked = [(grid, head) for grid, head in tries if grid.separator not in BLANKS]
     if any(head.known > 1 for _, head in marked):  # blanks are within headings
         tries = marked
@@ -168,6 +171,13 @@ def _heads(file: Path, options: Options, example: str, units: Sequence[str] = ()
         remedy = f"name the columns: --column 'NAME={example}', or by number: --column 1={example}"
         raise InputError("no column is recognised", remedy, file=file, line=1)
     return tries
+
+
+def _nearly(found: Sequence[Grid], options: Options) -> list[tuple[Grid, Head]]:
+    """Tables none of whose headings is known: those with units of conditions and readings, or words of their names."""
+    units = [q.unit for q in QUANTITIES if q.role in ("condition", "reading")]
+    heads = ((grid, find_head(grid, options, units, loosely=True)) for grid in found)
+    return [(grid, head) for grid, head in heads if head and head.known > 1]
 
 
 def _tables(file: Path, options: Options) -> list[list[tuple[Grid, Head]]]:
@@ -303,6 +313,7 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
         check_trigger(grid, head, options)
     shape = _shape(grid, head, chosen, waveform, options)
     rows = body(grid, head, [c.place for c in chosen.columns], options)
+    check_order(grid, chosen.columns, rows.rows)
     read, decimal = readings(grid, head, chosen, rows, options, shape)
     sampled = from_start(grid, read, options) if chosen.traced else None
     found = [r for t in sampled.traces for r in t.samples] if sampled else read

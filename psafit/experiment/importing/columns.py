@@ -30,15 +30,19 @@ from psafit.experiment.importing.chosen import (
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Head, labels_above, names, waveform_places
 from psafit.experiment.importing.matters import check_matters
-from psafit.experiment.importing.numerals import counts_rows, is_number, likeliest, whole
+from psafit.experiment.importing.numerals import count_on, counts_rows, is_number, likeliest, whole
 from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, missing_conditions, voltages
 from psafit.experiment.importing.quantities import (
+    CHANNELS,
     COLUMNS,
     COUNT,
+    GENERIC,
     LEVELS,
     MEANS,
+    NEUTRAL,
     QUANTITIES,
     SUFFIXES,
+    SUMMARIES,
     VOLTS,
     Quantity,
     Volts,
@@ -92,7 +96,7 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     _check_one_table(grid, head, chosen, faults)
     faults.end()
     for column in dict.fromkeys(c.column for c in chosen.columns if c.column not in ERROR_OF):
-        _check_several(grid, head, chosen.of(column), faults)
+        _check_several(grid, head, chosen.of(column), options, faults)
     _check_errors(grid, head, chosen, faults)
     _check_numbers(grid, head, chosen, faults)
     _check_unread(grid, head, chosen, faults)
@@ -122,7 +126,7 @@ def choose_recording(grid: Grid, head: Head, options: Options) -> Chosen:
     for name in RECORDED:
         could = [c for c in mapped.values() if c.column == name] or _recording(head, mapped, name)
         if could:
-            _check_several(grid, head, could, faults)
+            _check_several(grid, head, could, options, faults)
             found.append(could[0])
         else:
             remedy = f"say {option('NAME', name, COLUMNS[name].unit)}"
@@ -210,14 +214,17 @@ def _without_settings(grid: Grid, head: Head, chosen: Chosen, faults: Faults) ->
     return replace(chosen, columns=kept, unused=(*chosen.unused, *columns))
 
 
-def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Faults) -> None:
+def _check_several(grid: Grid, head: Head, columns: Sequence[Column], options: Options, faults: Faults) -> None:
     """Several columns of one quantity are repetitions, if they are readings and numbered; else it is asked."""
     first = columns[0]
     if len({bool(c.at) for c in columns}) > 1:  # what is missing in a heading is said elsewhere
         return
     read, one_name = role(first.column) in READ, len({c.heading.text for c in columns}) == 1
-    labels = labels_above(grid, head, [c.place for c in columns]) if one_name else []
-    if len(columns) == 1 or (read and (first.mapped or (_repeated(columns) and not labels))):
+    above = labels_above(grid, head, [c.place for c in columns]) if read and not first.at else []
+    numbers = bool(above) and not any(label.strip("0123456789.,") for label in above)
+    labels = above if one_name or all(is_number(label) or not label for label in above) else []
+    settled = not numbers and _each_mapped(head, columns, options) if labels else first.mapped or _repeated(columns)
+    if len(columns) == 1 or (read and settled):
         return
     what = f"columns {listed(c.name for c in columns)} could all be {first.column}"
     last = columns[-1].option
@@ -225,10 +232,19 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Fa
         what = f"{what}, and {listed(shown(label) for label in labels if label)} above part them" if labels else what
         last = str(columns[-1].place + 1) if columns[-1].heading.repeats else last
     remedy = f"say which: {option(last, first.column)}{'; of repetitions each' if read else ''}"
+    if numbers:
+        remedy = "write what these are into the headings, such as Range at 5 Vpp (um); put # before them if they are no"
+        remedy = f"{remedy} conditions"
     apart = (
         "if each is of a trace of its own, save each with its trace in a file; else " if first.column == TIME else ""
     )
     faults.add(fault(grid, head, what, f"{apart}{remedy}"))
+
+
+def _each_mapped(head: Head, columns: Sequence[Column], options: Options) -> bool:
+    """Whether the user names each of these columns by itself."""
+    alone = {places[0] for m in options.columns if len(places := names(m, head.headings)) == 1}
+    return alone.issuperset(c.place for c in columns)
 
 
 def _check_errors(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
@@ -255,11 +271,16 @@ def _check_errors(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
 
 
 def _check_numbers(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
-    """Columns that the user names may differ by conditions among words that psafit does not know."""
-    unread = [c for c in chosen.columns if role(c.column) in READ and c.heading.at != c.at]
-    if len({c.heading.at for c in unread}) > 1:
+    """Columns that the user names may differ by conditions among words that psafit does not know, or without words."""
+    read = [c for c in chosen.columns if role(c.column) in READ]
+    unread = [c for c in read if c.heading.at != c.at]
+    bare = [c for c in read if is_number(c.heading.text) and not c.at]
+    if len({c.heading.at for c in unread}) < 2 and not count_on(whole([c.heading.text for c in bare])):
+        unread = bare
+    if len({c.heading.at or c.heading.text for c in unread}) > 1:
         what = f"{listed(c.name for c in unread)} name numbers that may be conditions, or something else"
         remedy = f"write conditions as in Range 1.2 kHz 40 Vpp (um), or say {option(unread[-1].option, IGNORED)}"
+        remedy = f"{remedy}; of repetitions number them from 1" if unread is bare else remedy
         faults.add(fault(grid, head, what, remedy))
 
 
@@ -349,7 +370,9 @@ def _check_bare(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
 def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
     known = all_headings(head)
     for column in missing_conditions(grid, head, chosen, options, faults):
-        near, other = nearest(chosen.unused, head, column), _in_other_unit(chosen, head, column)
+        sound = [c for c in chosen.unused if not c.mapped and _sounds(grid, head, c, COLUMNS[column])]
+        near = nearest(chosen.unused, head, column) or (sound[0] if len(sound) == 1 else None)
+        other = _in_other_unit(chosen, head, column)
         what, remedy = "", f"say {_called(near, head, column)}{f', {AS_IT_STANDS}' if near else ''}"
         if other:
             what, remedy = other
@@ -412,12 +435,9 @@ def _each(found: Sequence[tuple[Column, Quantity]]) -> list[str]:
 
 def _sounds(grid: Grid, head: Head, column: Column, quantity: Quantity) -> bool:
     """Whether a column of numbers without a unit has a word in its heading that no other quantity's names have."""
-    others = [q for q in QUANTITIES if q.role not in ("trace", "error", "other") and q != quantity]
-    own = {word for name in quantity.names for word in name.split()}
-    own -= {word for q in others for name in q.names for word in name.split()}
     filled = cells(grid, head, column.place)
     in_numbers = bool(filled) and all(map(is_number, filled)) and head.unit(column.place) is None
-    return in_numbers and not column.heading.of_tip and not own.isdisjoint(column.heading.name.split())
+    return in_numbers and column.heading.sounds(quantity)
 
 
 def _called(near: Column | None, head: Head, column: str) -> str:
@@ -425,7 +445,9 @@ def _called(near: Column | None, head: Head, column: str) -> str:
     if near is None:
         return option("NAME", column, EXAMPLES[column][0])
     unit = head.unit(near.place)
-    if column != "amplitude_v" or unit is None or unit.volts or near.heading.counts:
+    if unit is None:
+        return f"{option(near.option, column)} with the unit behind a colon"
+    if column != "amplitude_v" or unit.volts or near.heading.counts:
         return option(near.option, column)
     ways = listed(f"{unit.text}{suffix}" for suffix in SUFFIXES.values() if suffix != "pp")
     return f"{option(near.option, column, f'{unit.text}pp')}, or {ways}, as it is"
@@ -439,12 +461,14 @@ def _check_unread(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
     optional = [q for q in QUANTITIES if q.role == "drive" or (q.role == "error" and not chosen.traced)]
     others = "trace" if chosen.traced else "reading" if chosen.readings else None
     further = [q for q in QUANTITIES if q.role == others]
-    for quantity in further if chosen.traced else ():
-        near = [c for c in chosen.unused if not (c.mapped or c.heading.spreads) and nearly(c, head, quantity)]
-        near = [c for c in near if not any(q.role == "error" for q in c.heading.quantities(head.units[c.place]))]
+    unclear = (q for q in further if chosen.traced or {c.mapped for c in chosen.of(q.column)} == {False})
+    for quantity in unclear:
+        near = [c for c in chosen.unused if not c.mapped and _may_be(grid, head, c, quantity, traced=chosen.traced)]
         if near:
             what = f"{listed(c.name for c in near)} may be {quantity.column}, too"
-            remedy = " ".join(option(c.option, quantity.column) for c in (*chosen.of(quantity.column), *near))
+            units = {c: quantity.unit for c in near if head.unit(c.place) is None}
+            each = (*chosen.of(quantity.column), *near)
+            remedy = " ".join(option(c.option, quantity.column, units.get(c, "")) for c in each)
             ignored = " ".join(option(c.option, IGNORED) for c in near)
             faults.add(fault(grid, head, what, f"say {remedy}, {AS_IT_STANDS}, or {ignored}"))
     for column in (c for c in chosen.unused if not c.mapped):
@@ -459,6 +483,23 @@ def _check_unread(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Non
             what = f"column {column.name} may be {of.column}, or something made of that"
             remedy = f"say {option(column.option, of.column)}, {AS_IT_STANDS}, or {option(column.option, IGNORED)}"
             faults.add(fault(grid, head, what, remedy))
+
+
+def _may_be(grid: Grid, head: Head, column: Column, quantity: Quantity, *, traced: bool) -> bool:
+    """Whether a column next to others of a quantity may be that, too, which its heading does not say for sure.
+
+    Next to a motion it has the unit. Next to launches it also has a word of the quantity's, or no word but a channel's;
+    what sums up the others, or is an error, is none.
+    """
+    named, said = column.heading, {word.rstrip("0123456789") for word in column.heading.name.split()} - {""}
+    if named.spreads or any(q.role == "error" for q in named.quantities(head.units[column.place])):
+        return False
+    if traced:
+        return nearly(column, head, quantity)
+    if named.altered or not said.isdisjoint(SUMMARIES):
+        return False
+    called = named.sounds(quantity) or said <= CHANNELS | NEUTRAL | GENERIC
+    return (nearly(column, head, quantity) and called) or _sounds(grid, head, column, quantity)
 
 
 def _in_other_unit(chosen: Chosen, head: Head, name: str) -> tuple[str, str] | None:

@@ -186,6 +186,14 @@ class Heading:
         """Whether it is called so, whatever its unit."""
         return self._called(quantity, None) or (quantity.column == "frequency_hz" and self.name in PERIODS)
 
+    def sounds(self, quantity: Quantity) -> bool:
+        """Whether it has a word that is in the names of this quantity and of no other that is like it."""
+        others = [q for q in QUANTITIES if q.role not in ("trace", "error", "other") and q != quantity]
+        own = {word for name in quantity.names for word in name.split()}
+        own -= {word for q in others for name in q.names for word in name.split()}
+        counts = quantity.column == "amplitude_v" and self.counts is not None
+        return (counts or not own.isdisjoint(self.name.split())) and self.of_tip == (quantity.part == "tip")
+
     def _called(self, quantity: Quantity, said: Unit | None) -> bool:
         bare = quantity.bare(self.name)
         if bare is None:

@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
-import math
 import re
 import shlex
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 from psafit.drives import WAVEFORMS
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
-from psafit.experiment.importing.numerals import NOTATIONS, is_number, likeliest
-from psafit.experiment.importing.quantities import BLANKS, CELL_ERRORS, COMMENTS, MEANS, MISSING, STEPS, sums_up, words
+from psafit.experiment.importing.numerals import NOTATIONS, count_on, in_both, is_number, whole
+from psafit.experiment.importing.quantities import (
+    BLANKS,
+    CELL_ERRORS,
+    COLUMNS,
+    COMMENTS,
+    MEANS,
+    MISSING,
+    QUANTITIES,
+    STEPS,
+    sums_up,
+    words,
+)
 from psafit.experiment.importing.records import IGNORED, Mapping, Options
 from psafit.experiment.importing.units import Unit, foreign, spacing, unit
+from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.text import listed, shown
 
 _WAVEFORMS = {words(name): w.id for w in WAVEFORMS.values() for name in (w.id, *w.names)}
@@ -118,18 +128,30 @@ def named_waveform(named: Heading) -> str:
 
 
 def labels_above(grid: Grid, head: Head, places: Sequence[int]) -> list[str]:
-    """What stands in the next row above the headings over these columns, where that parts them; no units, no numbers.
+    """What stands in the next row above the headings over these columns, where that parts them; no units.
 
-    A cell that is empty, as of cells that were merged, goes on to the left.
+    A cell that is empty, as of cells that were merged, goes on to the left. Numbers that follow one another part none,
+    unless a condition is named before them: they may be those of repetitions.
     """
-    above = [row.texts for row in grid.rows if row.line < head.line and not row.is_blank]
+    rows = (row for row in grid.rows[: head.first] if not row.is_blank and (row.line < head.line or not head.line))
+    above = [row.texts for row in rows if not all(unit(text) or foreign(text) or not text for text in row.texts)]
     texts = above[-1] if above else ()
     if not texts or is_comment(texts[0]):
         return []
+    if grid.separator in BLANKS and all(map(is_number, texts)):  # blanks part no cell that is empty
+        texts = ("",) * (len(head.headings) - len(texts)) + texts
     said = [next(filter(None, reversed(texts[: place + 1])), "") for place in places]
-    plain = (unit(text) or foreign(text) or any(n.value(text) is not None for n in NOTATIONS.values()) for text in said)
-    labels = dict.fromkeys("" if none else text for text, none in zip(said, plain, strict=True))
-    return list(labels) if len(labels) > 1 else []
+    labels = list(dict.fromkeys("" if unit(text) or foreign(text) else text for text in said))
+    before = (text for text in reversed(texts[: min(places)]) if text and not is_number(text))
+    counts = count_on(whole([*filter(is_number, texts)])) and not names_condition(next(before, ""))
+    return labels if len(labels) > 1 and not (counts and all(map(is_number, filter(None, labels)))) else []
+
+
+def names_condition(text: str) -> bool:
+    """Whether a text is the name or the unit of a condition."""
+    named, said = heading(text), unit(text)
+    of_kind = said is not None and said.kind in ("Hz", "V")
+    return of_kind or any(named.would_be(COLUMNS[name]) for name in CONDITION_COLUMNS)
 
 
 def is_comment(text: str) -> bool:
@@ -137,7 +159,9 @@ def is_comment(text: str) -> bool:
     return text.startswith(COMMENTS) and text.upper() not in CELL_ERRORS
 
 
-def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_lines: int = 300) -> Head | None:
+def find_head(
+    grid: Grid, options: Options, of_unit: Sequence[str] = (), *, loosely: bool = False, most_lines: int = 300
+) -> Head | None:
     """The row of a file in which most headings are recognised; None where none is.
 
     Parameters
@@ -146,6 +170,8 @@ def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_li
     options : Options
     of_unit : sequence of str
         Units, of psafit's, that make a column known by themselves.
+    loosely : bool
+        Whether a column without a unit is known by one word of its heading.
     most_lines : int
         How far down it is looked for.
     """
@@ -176,6 +202,7 @@ def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_li
         others = [(h, u) for k, (h, u) in enumerate(zip(headings, units, strict=True)) if k not in mapped]
         known = {could[0].column for h, u in others if (could := replace(h, altered="").over_time(u))}
         known |= {kind for h, u in others if (kind := _kind(h, u)) in of_unit}
+        known |= {sound for h, u in others if loosely and not _kind(h, u) and (sound := _sound(h))}
         if _holds(row, options) and not channels:
             if begun or not known:
                 continue
@@ -229,6 +256,12 @@ def _kind(named: Heading, below: Unit | None) -> str:
     """The unit of psafit's that a column's can be turned into; empty where there is none."""
     said = named.unit or below
     return said.kind if said else ""
+
+
+def _sound(named: Heading) -> str:
+    """The condition or reading that a heading sounds like; empty where it sounds like none."""
+    could = (q.column for q in QUANTITIES if q.role in ("condition", "reading") and named.sounds(q))
+    return next(could, "")
 
 
 def _without_headings(grid: Grid, options: Options) -> Head | None:
@@ -288,13 +321,14 @@ def _units_above(grid: Grid, n: int, index: int) -> tuple[Unit | None, ...]:
 def number_rows(grid: Grid, least: int = 2) -> list[Row]:
     """The rows of a text that a separator parts into numbers, but for what stands first in each.
 
-    Empty unless they are as wide as each other, at least so many, and some row of that width begins with a word: blanks
-    may part the text as well.
+    Empty unless they are as wide as each other, at least so many, and some row of that width begins with a word, or the
+    first of them with an empty cell: blanks may part the text as well.
     """
     rows = [row for row in grid.rows if not row.is_blank and not is_comment(row.texts[0])]
     found = [row for row in rows if len(row.cells) > 1 and all(map(is_number, row.cells[1:]))]
     width = len(found[0].cells) if found else 0
     headed = any(len(row.cells) == width and any(c.isalpha() for c in row.texts[0]) for row in rows)
+    headed = headed or (width > 2 and _cornered(found[0]))
     return found if headed and len(found) >= least and all(len(row.cells) == width for row in found) else []
 
 
@@ -309,11 +343,18 @@ def askew(grid: Grid) -> tuple[int, str, str] | None:
         what = f"{listed(shown(row.texts[0]) for row in named[:3])} stand before rows of numbers, none above a column"
         return named[0].line, what, "turn the table, so that each of them stands above a column"
     kinds = {said.kind for row in named if (said := heading(row.texts[0]).unit)}
-    if len(named) == 1 and rows[0] is named[0] and len(rows[0].cells) > 2 and kinds & {"Hz", "V"}:
-        what = f"{shown(named[0].texts[0])} stands before numbers, and what was read at each of them is not said"
+    above = len(named) == 1 and rows[0] is named[0] and len(rows[0].cells) > 2
+    if above and (kinds & {"Hz", "V"} or _cornered(rows[0])):
+        what = f"{shown(named[0].texts[0])} stands before" if kinds else f"the row of {shown(rows[0].texts[1])} holds"
+        what = f"{what} numbers, and what was read at each of them is not said"
         remedy = "write above each column what it holds and where, such as Range at 10 Vpp (um) next to Frequency (Hz)"
         return named[0].line, what, remedy
     return None
+
+
+def _cornered(row: Row) -> bool:
+    """Whether a row begins with an empty cell before numbers that do not follow one another, as channels do."""
+    return not row.texts[0] and not count_on(whole(row.texts[1:]))
 
 
 def clocked(grid: Grid, most_lines: int = 300) -> tuple[int, str, str] | None:
@@ -416,39 +457,7 @@ def body(grid: Grid, head: Head, needed: Sequence[int], options: Options) -> Bod
         faults.end()
     if not rows:
         raise InputError("no readings below the headings", "add them", file=grid.file, line=head.line or None)
-    _check_order(grid, head, needed, rows)
     return Body(tuple(rows), (*left_out, *text_rows))
-
-
-def _check_order(grid: Grid, head: Head, needed: Sequence[int], rows: Sequence[Row], least: float = 100.0) -> None:
-    """Blocks that lines without readings part have their columns in one order, as far as the sizes of numbers show it.
-
-    Two have changed places where each is nearer to the other one in the first block; `least` is by how much in all.
-    """
-    parts: list[list[Row]] = []
-    for k, row in enumerate(rows):
-        if k == 0 or row.line > rows[k - 1].line + 1:
-            parts.append([])
-        parts[-1].append(row)
-    sizes = [{k: size for k in needed if (size := _size(part, k))} for part in parts] if len(parts) > 1 else []
-    for part, here in zip(parts[1:], sizes[1:], strict=True):
-        for a, b in combinations(sorted(here.keys() & sizes[0].keys()), 2):
-            (first, second), (one, other) = ((s[a], s[b]) for s in (sizes[0], here))
-            stays = abs(math.log(one / first)) + abs(math.log(other / second))
-            if stays > abs(math.log(one / second)) + abs(math.log(other / first)) + math.log(least):
-                which = " and ".join(shown(head.headings[k].text or str(k + 1)) for k in (a, b))
-                what = f"columns {which} seem to have changed places from here on"
-                remedy = "give these rows a file of their own; if they are in order, delete the lines that part them"
-                raise InputError(what, remedy, file=grid.file, line=part[0].line)
-
-
-def _size(rows: Sequence[Row], place: int) -> float:
-    """The mean size of the numbers in a column; 0 where there are none."""
-    cells = [row.cells[place] for row in rows if place < len(row.cells)]
-    notation = likeliest(cells)
-    sizes = [abs(float(number.value)) for cell in cells if (number := notation.number(cell))]
-    mean = sum(sizes) / max(1, len(sizes))
-    return mean if math.isfinite(mean) else 0.0
 
 
 def _between(rows: Sequence[Row], left_out: Sequence[tuple[int, str]]) -> dict[tuple[str, str], list[int]]:
@@ -524,10 +533,23 @@ def _no_reading(grid: Grid, head: Head, texts: Sequence[str]) -> tuple[str, str]
     if head.line and len(texts) > len(again):
         comma = "; decimal commas need another separator" if grid.separator == "," else ""
         return f"{len(texts)} cells in the row, {len(again)} headings", f"give each column a heading{comma}"
-    if not any(map(is_number, texts)) and (more := [text for text in texts if sums_up(text)]):
+    more = [text for text in texts if sums_up(text)] if not any(map(is_number, texts)) else _conditions(head, texts)
+    if more:
         what = f"{listed(map(shown, more))} {'are' if len(more) > 1 else 'is'} more of headings"
         return what, "write each into the heading above it, and delete that line"
     return None
+
+
+def _conditions(head: Head, texts: Sequence[str]) -> list[str]:
+    """The conditions of which a row consists, below headings of other units; empty where it holds something else."""
+    numbers = {place: next(filter(None, in_both(text)), None) for place, text in enumerate(texts) if text}
+    said = {place: number.unit.kind for place, number in numbers.items() if number and number.unit}
+    other = all(
+        kind in ("Hz", "V") and (above := head.unit(place)) and above.kind != kind for place, kind in said.items()
+    )
+    named = set(texts[:1]) - {texts[place] for place in said}  # before them may stand what they are
+    rest = {text for place, text in enumerate(texts) if text and place not in said}
+    return [texts[place] for place in said] if said and other and rest <= named else []
 
 
 def _are_headings(texts: Sequence[str]) -> bool:

@@ -52,7 +52,7 @@ class Matter:
     remedy: str = ""
 
 
-_YES, _NO = ("yes", "y", "true", "ok", "valid", "good", "ja", "oui"), ("no", "n", "false", "ok", "nein", "non")
+_YES, _NO = ("yes", "y", "true", "ok", "valid", "good", "ja", "oui"), ("no", "n", "false", "off", "ok", "nein", "non")
 _PERIODS = "give its periods, cycles, which are this time times the frequency"
 MATTERS = (
     Matter(("phase shift", "phase", "phase angle", "phasenwinkel", "phasenlage"), "phase_deg", 0.0),
@@ -78,12 +78,13 @@ MATTERS = (
     Matter(("voltage divider", "divider"), nothing=1.0, remedy="give volts as they are at the stack"),
     Matter(
         (
-            "n burst", "burst cycles", "periods per burst", "cycles per burst", "burst length", "pulses",
+            "n burst", "burst cycles", "periods per burst", "cycles per burst", "burst length", "burst size", "pulses",
             "number of pulses",
         ),
         "cycles",
     ),
     Matter(("burst duration", "burst time", "on time"), kinds=("", "us"), remedy=_PERIODS),
+    Matter(("burst", "bursts", "burst mode"), "cycles", usual=_NO),
     Matter(("burst", "burst length"), kinds=("us",), remedy=_PERIODS),
     Matter(
         ("polarity", "polarität", "polarité"),
@@ -108,8 +109,6 @@ MATTERS = (
 )  # fmt: skip
 
 
-# A line may speak of it so, and a column may number bursts.
-_BURST = Matter(("burst",), "cycles")
 # What a header calls the moment of the trigger on the clock of its samples.
 _TRIGGER = Matter(
     (
@@ -126,7 +125,8 @@ def check_matters(grid: Grid, head: Head, chosen: Chosen, options: Options, faul
         for matter in (m for m in MATTERS if m.column not in options.held):
             said = _unit(column, head, matter)
             numbers = _numbers(grid, head, column) if said is not None else []
-            texts = _texts(grid, head, column) if said is not None and not matter.column else []
+            wordy = said is not None and (matter.usual or not matter.column)
+            texts = _texts(grid, head, column) if wordy else []
             if any(number != matter.nothing for number in numbers) or not set(texts).issubset(matter.usual):
                 faults.add(fault(grid, head, *_asked(column, matter, said or "", numbers)))
 
@@ -138,7 +138,7 @@ def above(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Iterator[
     themselves.
     """
     given = (*CONSTANT_UNITS, *options.held, *(c.column for c in chosen.columns if c.column))
-    every = (*(Matter(q.names, q.column, 0.0) for q in QUANTITIES if q.role == "drive"), _BURST, *MATTERS)
+    every = (*(Matter(q.names, q.column, 0.0) for q in QUANTITIES if q.role == "drive"), *MATTERS)
     for line, text, matter in _named_above(grid, head, every):
         if not (matter.flag or matter.column in given):
             said = f":{_target(matter)}" if _target(matter) != COUNT else ""

@@ -83,9 +83,14 @@ def whole(texts: Sequence[str]) -> list[int]:
     return found if len(found) == len(values) else []
 
 
+def count_on(numbers: Sequence[int]) -> bool:
+    """Whether whole numbers follow one another, as those of repetitions or channels do."""
+    return bool(numbers) and list(numbers) == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
 def counts_rows(numbers: Sequence[int]) -> bool:
     """Whether whole numbers are those of their rows, from 0 or 1."""
-    return numbers[:1] in ([0], [1]) and list(numbers) == list(range(numbers[0], numbers[0] + len(numbers)))
+    return numbers[:1] in ([0], [1]) and count_on(numbers)
 
 
 def likeliest(cells: Sequence[Cell]) -> Notation:

@@ -24,11 +24,12 @@ from psafit.experiment.importing.chosen import (
     option,
 )
 from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
-from psafit.experiment.importing.layout import Body, Head, waveform
+from psafit.experiment.importing.layout import Body, Head, names_condition, waveform
 from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, in_both
 from psafit.experiment.importing.over_time import OF_DAY
 from psafit.experiment.importing.quantities import COLUMNS, VOLTS, Volts, words
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
+from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.table import CellFault, RowFaults, within
 from psafit.experiment.text import shown
 from psafit.experiment.trace_table import TIME, TRACES, possible
@@ -292,8 +293,13 @@ def _value(row: Row, column: Column, notation: Notation, drive: Drive, faults: R
 
 def _no_number(cell: Cell, text: str, column: Column, notation: Notation) -> tuple[str, str]:
     """What stands in the place of a number, and the remedy."""
+    condition = column.column in CONDITION_COLUMNS
+    into = "if the row says at what its columns were read, write that into each heading, such as Range at 5 Vpp (um)"
     if not text:
-        return "is empty", "enter the value, or delete the row if nothing was read"
+        remedy = "enter the value, or delete the row if nothing was read"
+        return "is empty", f"{remedy}; {into}" if condition else remedy
+    if condition and names_condition(text):
+        return f"{shown(text)} is not a number", f"correct it; {into}, and delete it"
     if column.column == TIME and OF_DAY.search(text):
         remedy = f"give times in seconds, or of equal steps say {option(column.option, IGNORED)} --step 1:us"
         return f"{shown(text)} is a time of the day", remedy
