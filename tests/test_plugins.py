@@ -21,14 +21,12 @@ from psafit.errors import InputError
 from psafit.experiment import Experiment, read_experiment
 from psafit.inference.run import fit
 from psafit.inference.run_folder import load
-from psafit.inference.samplers.emcee import Settings
 from psafit.physics import TERMS, plugin
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
 from psafit.simulate.sensitivity import REFERENCE
 
 ROOT = Path(__file__).parents[1]
-QUICK = Settings(chunk=100, r_hat=1.5, effective_samples=50, autocorrelation_times=5, max_steps=300, tuned=30)
 
 
 def test_the_command_knows_the_plugin(sensor: Path, tmp_path: Path) -> None:
@@ -157,7 +155,7 @@ def with_plugin(term: Term, known: Experiment, tmp_path_factory: pytest.TempPath
     folder = tmp_path_factory.mktemp("runs") / "run"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(physics, "TERMS", (*TERMS, term))
-        fit(known, [1], folder, terms=[term], n_starts=4, settings=QUICK)
+        fit(known, [1], folder, terms=[term], n_starts=4, sampled_by="importance")
     return folder
 
 
@@ -200,7 +198,7 @@ def test_an_edited_plugin_is_another_run(
     edited = replace(term, plugin="0" * 16)
     monkeypatch.setattr(physics, "TERMS", (*TERMS, edited))
     with pytest.raises(InputError, match="holds another run \\(what differs: terms\\)"):
-        fit(known, [1], with_plugin, terms=[edited], n_starts=4, settings=QUICK)
+        fit(known, [1], with_plugin, terms=[edited], n_starts=4, sampled_by="importance")
 
 
 @pytest.mark.slow

@@ -18,7 +18,6 @@ from psafit.inference import noise
 from psafit.inference import run as running
 from psafit.inference.optimiser import log_posteriors
 from psafit.inference.problem import Problem
-from psafit.inference.samplers.emcee import Settings
 from psafit.physics import terms
 from psafit.records import Broken
 from psafit.validate import verdict
@@ -27,7 +26,7 @@ from psafit.validate import verdict
 @pytest.fixture(scope="module")
 def checked(known: Experiment, tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
     folder = tmp_path_factory.mktemp("run") / "r"
-    run = running.fit(known, [1], folder, seed=1, n_starts=8, settings=Settings(max_steps=750))
+    run = running.fit(known, [1], folder, seed=1, n_starts=8, sampled_by="importance")
     return run, *validate.validate(run)
 
 
