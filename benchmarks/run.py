@@ -342,6 +342,13 @@ def recordings(n_samples: int = 1000, frequency: float = 1e3, volt: float = 20.0
     }
 
 
+def measured_at() -> str:
+    """Of which commit a table is."""
+    asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    commit = subprocess.run(asked, capture_output=True, text=True, check=False, cwd=ROOT).stdout.strip()
+    return f"Measured at commit `{commit}`.\n"
+
+
 def recorded(rows: list[dict[str, object]]) -> None:
     """The processor's time for a trajectory under recorded drives, in units of a sine's."""
     drives = {"": Drive("sine"), **recordings()}
@@ -364,7 +371,7 @@ def recorded(rows: list[dict[str, object]]) -> None:
     text = "| recorded drive of 1,000 samples | `baseline` | `hertz_exponent` |\n|---|---|---|\n" + "".join(
         f"| {kind} | {ratios['baseline', kind]:.1f} | {ratios['hertz_exponent', kind]:.1f} |\n" for kind in recordings()
     )
-    page = ROOT / "docs" / "numerics.md"
+    page, text = ROOT / "docs" / "numerics.md", f"{text}\n{measured_at()}"
     page.write_text(work_precision.publish(text, page.read_text("utf-8"), "make bench, recorded"), "utf-8")
 
 
@@ -450,12 +457,10 @@ def search(rows: list[dict[str, object]]) -> None:
 
 
 def diagram(rows: list[dict[str, object]]) -> None:
-    asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
-    commit = subprocess.run(asked, capture_output=True, text=True, check=False, cwd=ROOT).stdout.strip()
     with one_core():
         curves = work_precision.measure()
     work_precision.draw(curves, ROOT / "docs" / "figures" / "work_precision.png")
-    page, text = ROOT / "docs" / "numerics.md", f"{work_precision.table(curves)}\nMeasured at commit `{commit}`.\n"
+    page, text = ROOT / "docs" / "numerics.md", f"{work_precision.table(curves)}\n{measured_at()}"
     page.write_text(work_precision.publish(text, page.read_text("utf-8")), "utf-8")
     worst = work_precision.worst_margin(curves)
     rows.append(row("work-precision diagram, four models: times faster than the best peer at equal error, smallest",

@@ -1,6 +1,7 @@
 """Files as instruments and spreadsheets write them, drawn at random, with the readings that they hold.
 
 Any waveform, or several in a column; any observable, or several; units, names and numbers as people write them.
+Settings of the drive and known errors stand in columns, or are said next to the file.
 """
 
 from __future__ import annotations
@@ -9,17 +10,33 @@ import csv
 import io
 import math
 import random
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from psafit.experiment import Group
-from psafit.observables import OBSERVABLES
+from psafit.observables import OBSERVABLES, OF_LAUNCHES
 
-# Waveform, Hz, V zero to peak, psafit's column of what is read, and the value in its unit.
-Reading = tuple[str, float, float, str, float]
+
+class Driven(NamedTuple):
+    """A drive: its waveform, and every setting that a group may have."""
+
+    waveform: str
+    bias_v: float = 0.0
+    idle_v: float = 0.0
+    phase_deg: float = 0.0
+    cycles: float = math.inf
+
+
+def driven(waveform: str, settings: Mapping[str, float]) -> Driven:
+    """A drive with these settings, to 12 digits: an idle voltage may be a mean."""
+    return Driven(waveform, **{name: float(f"{value:.12g}") for name, value in settings.items()})
+
+
+# Drive, Hz, V zero to peak, psafit's column of what is read, the value in its unit, and its known error or 0.
+Reading = tuple[Driven, float, float, str, float, float]
 
 FREQUENCIES = {
     "Hz": Decimal(1), "kHz": Decimal(1000), "MHz": Decimal(10**6),
@@ -49,6 +66,10 @@ READ: dict[str, tuple[str, list[str], dict[str, Decimal]]] = {
         {"N": Decimal(1), "mN": Decimal("0.001"), "kN": Decimal(1000)},
     ),
 }  # fmt: skip
+SIGMA = {o.column: o.sigma_column for o in OF_LAUNCHES}
+UNITS = {SIGMA[column]: units for column, _, units in READ.values()}
+ERRORS = (0.01, 3.0)
+"""Bounds of known errors, in psafit's units."""
 # By waveform: names that instruments have for it, and what turns volts as they are counted into zero to peak.
 BIPOLAR = {"pp": Decimal("0.5"), "peak": Decimal(1)}
 WAVES: dict[str, tuple[list[str], dict[str, Decimal]]] = {
@@ -57,6 +78,13 @@ WAVES: dict[str, tuple[list[str], dict[str, Decimal]]] = {
     "triangle": (["triangle", "Dreieck"], BIPOLAR | {"rms": Decimal(3).sqrt()}),
     "unipolar_sine": (["unipolar sine", "haversine"], {"pp": Decimal(1), "peak": Decimal(1)}),
     "unipolar_square": (["unipolar square", "pulse", "TTL"], {"pp": Decimal(1), "peak": Decimal(1)}),
+}
+# By setting of a drive: what it is called, units with what turns a value into psafit's, and its bounds.
+SETTINGS: dict[str, tuple[list[str], dict[str, Decimal], tuple[float, float]]] = {
+    "bias_v": (["DC offset", "Offset", "Bias voltage", "DC bias"], VOLTS, (-20, 60)),
+    "idle_v": (["Idle voltage", "Rest voltage", "Ruhespannung"], VOLTS, (-5, 20)),
+    "phase_deg": (["Start phase", "Startphase", "Burst phase"], {"deg": Decimal(1), "°": Decimal(1)}, (-180, 360)),
+    "cycles": (["Burst cycles", "N periods", "Zyklen"], {"": Decimal(1)}, (1, 50)),
 }
 NAMES = {
     "frequency": ["Frequency", "Freq.", "f", "Frequenz", "Drive frequency", "FREQUENCY"],
@@ -88,6 +116,30 @@ class Foreign:
 
 
 @dataclass(frozen=True)
+class Side:
+    """A column next to those of readings.
+
+    Parameters
+    ----------
+    column, name, unit : str
+        Psafit's name of it; what the file calls it, and in which unit.
+    factor : Decimal
+        Turns a value into psafit's unit.
+    values : tuple of float
+        Those that its cells have, in psafit's unit.
+    of : tuple of int
+        Of a known error the columns of readings that it is of.
+    """
+
+    column: str
+    name: str
+    unit: str
+    factor: Decimal
+    values: tuple[float, ...]
+    of: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
 class Form:
     """What a file holds, and how it is counted.
 
@@ -101,6 +153,12 @@ class Form:
     waves : tuple of str
         Waveforms of the rows; in a column if there are several.
     n_repeats : int
+    sides : tuple of Side
+        Columns next to those of readings: settings of the drive and known errors.
+    held : dict of str to float
+        Those that no column has, by psafit's name and in its unit.
+    said : tuple of str
+        Options that say so.
     """
 
     read: tuple[str, ...]
@@ -108,6 +166,9 @@ class Form:
     counted: str
     waves: tuple[str, ...]
     n_repeats: int
+    sides: tuple[Side, ...] = ()
+    held: dict[str, float] = field(default_factory=dict)
+    said: tuple[str, ...] = ()
 
     @property
     def columns(self) -> list[tuple[str, str, Decimal]]:
@@ -140,7 +201,7 @@ class Notation:
         return Decimal(text.replace(self.decimal, "."))
 
 
-def draw(rng: random.Random, folder: Path) -> Foreign:
+def draw(rng: random.Random, folder: Path, more: float = 0.0) -> Foreign:
     """Write a file of some form.
 
     Parameters
@@ -148,6 +209,8 @@ def draw(rng: random.Random, folder: Path) -> Foreign:
     rng : random.Random
     folder : Path
         Exists.
+    more : float
+        Probability of settings of the drive and known errors.
 
     Returns
     -------
@@ -157,6 +220,7 @@ def draw(rng: random.Random, folder: Path) -> Foreign:
     separator = rng.choice(",;\t| ;,\t")
     notation = _notation(rng, separator)
     form = _form(rng)
+    form = _with_more(rng, form) if rng.random() < more else form
     headings, unit_row, options = _headings(rng, form)
     volts = rng.uniform(2, 40) if rng.random() < 0.2 else None
     drawn = [_row(rng, form, notation, volts, workbook) for _ in range(rng.choice([1, 3, 8, 20]))]
@@ -168,7 +232,7 @@ def draw(rng: random.Random, folder: Path) -> Foreign:
     else:
         file = folder / "foreign.csv"
         file.write_bytes(text(rng, grid, separator))
-    return Foreign(file, tuple(options), tuple(readings))
+    return Foreign(file, (*options, *form.said), tuple(readings))
 
 
 TIMES = {"s": Decimal(10**6), "ms": Decimal(1000), "us": Decimal(1), "µs": Decimal(1), "ns": Decimal("0.001")}
@@ -180,7 +244,7 @@ MOTIONS: list[tuple[str, list[str], dict[str, Decimal]]] = [
 ]
 
 
-def draw_trace(rng: random.Random, folder: Path) -> Foreign:
+def draw_trace(rng: random.Random, folder: Path, more: float = 0.0) -> Foreign:
     """Write a launch over time, as vibrometers and oscilloscopes do, with times or without; arguments as of `draw`."""
     separator, scientific = rng.choice(",;\t"), rng.random() < 0.3
     notation = Notation(rng.choice(".,"), "", 9 if scientific else None, scientific)
@@ -203,17 +267,19 @@ def draw_trace(rng: random.Random, folder: Path) -> Foreign:
         options += ["--column", f"{heads[1]}={column}"] if heads[1] != "CH1 (V)" else []
     elif start:
         options += ["--start", "0"]
+    settings, said_too = held_settings(rng, some_of(rng, SETTINGS) if rng.random() < more else [])
+    drive = driven("sine", settings)
     rows, readings = [], []
     for k in range(-start, n):
         cells = [notation.text(float(k * step / TIMES[time_unit])), notation.text(round(rng.uniform(-3, 40), 3))]
         rows.append(cells[not timed :])
         time, value = (notation.value(cell) for cell in cells)
         if k >= 0:
-            held = {"time_us": time * TIMES[time_unit] if timed else k * step, column: value * factor}
-            readings += [("sine", f, v, name, float(x)) for name, x in held.items()]
+            sample = {"time_us": time * TIMES[time_unit] if timed else k * step, column: value * factor}
+            readings += [(drive, f, v, name, float(x), 0.0) for name, x in sample.items()]
     file = folder / "foreign.csv"
     file.write_bytes(text(rng, [*([line] for line in above), heads[not timed :], *rows], separator))
-    return Foreign(file, tuple(options), tuple(readings))
+    return Foreign(file, (*options, *said_too), tuple(readings))
 
 
 def _step(rng: random.Random) -> tuple[Decimal, str, str]:
@@ -234,53 +300,113 @@ def _row(
     f = rng.choice([rng.uniform(20, 30_000), float(rng.randrange(1, 300) * 100)])
     v = volts or rng.choice([rng.uniform(1, 40), float(rng.randrange(1, 40))])
     factors = [FREQUENCIES[form.units[0]], VOLTS[form.units[1]], *(factor for _, _, factor in form.columns)]
-    values = [f, v, *(rng.uniform(0.05, 95) for _ in form.columns)]
+    factors += [side.factor for side in form.sides]
+    values = [f, v, *(rng.uniform(0.05, 95) for _ in form.columns), *(rng.choice(side.values) for side in form.sides)]
     cells = [notation.text(float(Decimal(repr(x)) / factor)) for x, factor in zip(values, factors, strict=True)]
     numbers = [notation.value(cell) for cell in cells]
     if workbook:  # which keep 15 digits
         numbers = [Decimal(f"{n:.15g}") for n in numbers]
     positive = [True, False, *(key in ("time", "force") for key, _, _ in form.columns)]
+    positive += [bool(side.of) or side.column == "cycles" for side in form.sides]
     for k in (k for k, n in enumerate(numbers) if n <= 0 and positive[k]):
         cells[k], numbers[k] = notation.text(1.0), Decimal(1)  # rounded to nothing: no frequency, and no time
     wave = rng.choice(form.waves)
-    condition = wave, float(numbers[0] * factors[0]), float(numbers[1] * factors[1] * WAVES[wave][1][form.counted])
-    names = [READ[key][0] for key, _, _ in form.columns]
-    held = [
-        (*condition, name, float(n * factor)) for name, n, factor in zip(names, numbers[2:], factors[2:], strict=True)
-    ]
+    own = [float(n * factor) for n, factor in zip(numbers, factors, strict=True)]
+    next_to = list(zip(form.sides, own[2 + len(form.columns) :], strict=True))
+    settings = form.held | {side.column: value for side, value in next_to}
+    drive = driven(wave, {name: value for name, value in settings.items() if name in SETTINGS})
+    condition = drive, own[0], float(numbers[1] * factors[1] * WAVES[wave][1][form.counted])
+    errors = {k: value for side, value in next_to for k in side.of}
+    readings = []
+    for k, (key, _, _) in enumerate(form.columns):
+        error = errors.get(k, form.held.get(SIGMA[READ[key][0]], 0.0))
+        readings.append((*condition, READ[key][0], own[2 + k], error))
     if form.n_repeats > 1 and rng.random() < 0.2:
-        cells[-1], held = "", held[:-1]
+        last = len(readings) - 1
+        readings.pop()
+        for k in (1 + len(form.columns), *(k for k, side in enumerate(form.sides, 3 + last) if side.of == (last,))):
+            cells[k] = ""
     row: list[Any] = [float(n) if workbook and c else c for n, c in zip(numbers, cells, strict=True)]
-    return [*row, *([rng.choice(WAVES[wave][0])] if len(form.waves) > 1 else [])], held
+    return [*row, *([rng.choice(WAVES[wave][0])] if len(form.waves) > 1 else [])], readings
 
 
 def differ(found: Iterable[Reading], true: Iterable[Reading], within: float = 1e-9) -> bool:
     """Whether readings are others, by more than rounding."""
 
-    def plain(readings: Iterable[Reading]) -> list[tuple[str, float, float, str, float]]:
-        return sorted((w, float(f"{f:.9g}"), float(f"{v:.9g}"), name, x) for w, f, v, name, x in readings)
+    def plain(readings: Iterable[Reading]) -> list[Reading]:
+        return sorted((d, float(f"{f:.9g}"), float(f"{v:.9g}"), name, x, s) for d, f, v, name, x, s in readings)
 
     one, other = plain(found), plain(true)
     return [r[:4] for r in one] != [r[:4] for r in other] or any(
-        not math.isclose(a[4], b[4], rel_tol=within, abs_tol=within) for a, b in zip(one, other, strict=True)
+        not math.isclose(a[k], b[k], rel_tol=within, abs_tol=within)
+        for a, b in zip(one, other, strict=True)
+        for k in (4, 5)
     )
 
 
 def held_by(groups: Iterable[Group]) -> list[Reading]:
     """What groups hold, as `Foreign.readings` has it, sorted; the times of samples stand among them."""
-    found = []
+    found: list[Reading] = []
     for g in groups:
+        drive = driven(g.waveform, {name: getattr(g.drive, name) for name in SETTINGS})
+        errors = [0.0] * g.n_points if g.sigma is None else g.sigma.tolist()
         for i, (f, v, k, y) in enumerate(zip(g.frequency_hz, g.amplitude_v, g.measured, g.reading, strict=True)):
-            condition = g.waveform, float(f), float(v)
-            found.append((*condition, OBSERVABLES[k].column, float(y)))
+            condition = drive, float(f), float(v)
+            found.append((*condition, OBSERVABLES[k].column, float(y), errors[i]))
             if g.time_us is not None:
-                found.append((*condition, "time_us", float(g.time_us[i])))
+                found.append((*condition, "time_us", float(g.time_us[i]), 0.0))
         if g.drive.table is not None:
-            found.append((*condition, "idle_v", g.drive.idle_v))
             names, unit = (("drive_us", "voltage_v"), 1e6) if g.drive.recorded else (("phase", "level"), 1.0)
             for at, value in zip(g.drive.table.at, g.drive.table.value, strict=True):
-                found += [(*condition, names[0], float(at) * unit), (*condition, names[1], float(value))]
+                found += [(*condition, names[0], float(at) * unit, 0.0), (*condition, names[1], float(value), 0.0)]
     return sorted(found)
+
+
+def some_of(rng: random.Random, names: Iterable[str]) -> list[str]:
+    """Some settings of a drive; with a bias also what it rests at, which is asked for."""
+    drawn = [name for name in names if rng.random() < 0.5]
+    return [*drawn, *(["idle_v"] if "bias_v" in drawn and "idle_v" not in drawn else [])]
+
+
+def held_settings(rng: random.Random, names: Iterable[str]) -> tuple[dict[str, float], list[str]]:
+    """Settings and known errors that were held, in psafit's units, and the options that say so."""
+    values: dict[str, float] = {}
+    options: list[str] = []
+    for name in names:
+        _, units, bounds = SETTINGS.get(name) or ([], UNITS[name], ERRORS)
+        unit = rng.choice(list(units))
+        number = Decimal(repr(round(rng.uniform(*bounds), 2))) / units[unit]
+        values[name] = float(number * units[unit])
+        options += ["--set", f"{name}={number:f}" + (f":{unit}" if unit else "")]
+    return values, options
+
+
+def _with_more(rng: random.Random, form: Form) -> Form:
+    """A form with settings of the drive and known errors, some of them in columns."""
+    sides: list[Side] = []
+    rest: list[str] = []
+    for name in some_of(rng, SETTINGS):
+        names, units, bounds = SETTINGS[name]
+        if rng.random() < 0.3 or (name == "bias_v" and any("unipolar" in wave for wave in form.waves)):
+            rest.append(name)  # an offset in a column next to a drive from 0 V is asked about
+            continue
+        unit = rng.choice(list(units))
+        drawn = tuple(round(rng.uniform(*bounds), 2) for _ in range(rng.choice([1, 2, 3])))
+        sides.append(Side(name, rng.choice(names), unit, units[unit], drawn))
+    for key in (key for key in form.read if rng.random() < 0.4):
+        column, units = READ[key][0], READ[key][2]
+        of = [k for k, (other, _, _) in enumerate(form.columns) if other == key]
+        if rng.random() < 0.3:
+            rest.append(SIGMA[column])
+            continue
+        each = [tuple([k]) for k in of] if rng.random() < 0.5 else [tuple(of)]
+        unit, name = rng.choice(list(units)), rng.choice(["Sigma", "sigma", "Standardunsicherheit"])
+        for n, some in enumerate(each, 1):
+            drawn = tuple(round(rng.uniform(*ERRORS), 3) for _ in range(3))
+            called = f"{name} {n}" if len(each) > 1 else name
+            sides.append(Side(SIGMA[column], called, unit, units[unit], drawn, some))
+    values, said = held_settings(rng, rest)
+    return replace(form, sides=tuple(sides), held=values, said=tuple(said))
 
 
 def _form(rng: random.Random) -> Form:
@@ -319,8 +445,8 @@ def _headings(rng: random.Random, form: Form) -> tuple[list[str], list[str] | No
     called = [rng.choice(READ[key][1]) for key in form.read]
     if form.n_repeats > 1:
         called = [f"{called[0]} {k}" for k in range(1, form.n_repeats + 1)]
-    said = [form.units[0], volts, *(unit for _, unit, _ in form.columns)]
-    heads = [*names, *called]
+    said = [form.units[0], volts, *(unit for _, unit, _ in form.columns), *(side.unit for side in form.sides)]
+    heads = [*names, *called, *(side.name for side in form.sides)]
     last: list[str] = []
     if len(form.waves) > 1:
         last = [rng.choice(["Waveform", "Wave", "Signalform"])]
@@ -328,9 +454,10 @@ def _headings(rng: random.Random, form: Form) -> tuple[list[str], list[str] | No
         options += ["--waveform", form.waves[0]]
     if rng.random() < 0.25:
         style = rng.choice(["{}", "({})", "[{}]"])
-        return [*heads, *last], [*(style.format(unit) for unit in said), *("" for _ in last)], options
+        return [*heads, *last], [*(style.format(unit) if unit else "" for unit in said), *("" for _ in last)], options
     style = rng.choice(STYLES)
-    return [*(style.format(name, unit) for name, unit in zip(heads, said, strict=True)), *last], None, options
+    full = [style.format(name, unit) if unit else name for name, unit in zip(heads, said, strict=True)]
+    return [*full, *last], None, options
 
 
 def _arranged(

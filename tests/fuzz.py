@@ -348,7 +348,8 @@ def import_words(rng: random.Random, folder: Path) -> list[str]:
     from foreign import draw, draw_trace
     from recordings import draw_traces
 
-    made = rng.choices([draw, draw_trace, functools.partial(draw_traces, damaged=0.4)], [3, 1, 3])[0](rng, folder)
+    draws = functools.partial(draw_traces, damaged=0.4)
+    made = rng.choices([draw, draw_trace, draws], [3, 1, 3])[0](rng, folder, more=0.5)
     if rng.random() < 0.4 and not made.wrong:
         spoil(rng.choice([made.file, *made.others]), rng)
     else:
@@ -518,7 +519,7 @@ def another(folder: Path) -> str:
 
 def misread(folder: Path, code: object) -> str:
     """Whether an import holds other readings than the file that was not spoilt; empty for no."""
-    from foreign import differ
+    from foreign import Reading, differ, driven
     from keyed import read_plainly
 
     truth = folder / TRUTH
@@ -527,14 +528,14 @@ def misread(folder: Path, code: object) -> str:
     readings, wrong = pickle.loads(truth.read_bytes())
     if wrong:
         return f"accepted with {wrong}"
-    found = []
+    found: list[Reading] = []
     for g in read_plainly(folder / "new"):
-        found += [(g.waveform, *cell[:4]) for cell in g.cells]
-        condition = g.waveform, *g.cells[0][:2]
-        found += [(*condition, "idle_v", g.settings.get("idle_v", 0.0))] if g.rows else []
+        drive = driven(g.waveform, g.settings)
+        found += [(drive, *cell[:4], cell[4] or 0.0) for cell in g.cells]
+        condition = drive, *g.cells[0][:2]
         for row in g.rows:
             names = (name.replace("time_us", "drive_us") for name in g.columns)
-            found += [(*condition, name, x) for name, x in zip(names, row, strict=True)]
+            found += [(*condition, name, x, 0.0) for name, x in zip(names, row, strict=True)]
     return "other readings than in the file" if differ(found, readings) else ""
 
 

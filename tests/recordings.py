@@ -15,7 +15,24 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from foreign import FREQUENCIES, MOTIONS, NAMES, PEAKS, PREAMBLE, STYLES, TIMES, WAVES, Foreign, Notation, Reading, text
+from foreign import (
+    FREQUENCIES,
+    MOTIONS,
+    NAMES,
+    PEAKS,
+    PREAMBLE,
+    SETTINGS,
+    STYLES,
+    TIMES,
+    WAVES,
+    Foreign,
+    Notation,
+    Reading,
+    driven,
+    held_settings,
+    some_of,
+    text,
+)
 
 # A unit of volts that says how they are counted.
 SAID = {"pp": "Vpp", "peak": "Vp", "rms": "Vrms"}
@@ -78,7 +95,7 @@ class Trace:
     volts: tuple[str, ...] = ()
 
 
-def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0) -> Foreign:
+def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0, more: float = 0.0) -> Foreign:
     """Write launches over time at several conditions.
 
     Parameters
@@ -88,6 +105,8 @@ def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0) -> Forei
         Exists.
     damaged : float
         Probability that a cell, a heading or a row is damaged so that it must be noticed.
+    more : float
+        Probability of settings of the drive.
 
     Returns
     -------
@@ -117,6 +136,9 @@ def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0) -> Forei
     options = clock.options
     options += ["--set", f"amplitude_v={notation.value(volts[held])}:{SAID[counted]}"] if held else []
     options += ["--waveform", drive] if drive in WAVES else []
+    takes = ["idle_v"] if drive in ("next", "own") else list(SETTINGS)
+    settings, said = held_settings(rng, some_of(rng, takes) if rng.random() < more else [])
+    options += said
     seen = [notation.value(t) * TIMES[clock.unit] for t in times]
     others: list[tuple[str, Sheet]] = []
     rows: dict[Trace, dict[str, list[Decimal]]] = {}
@@ -139,8 +161,10 @@ def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0) -> Forei
         moved = [(t - clock.start, y) for t, y in zip(seen, trace.motion, strict=True) if t >= clock.start and y]
         kept = [(t, notation.value(y) * units[unit]) for t, y in moved][:: clock.every]
         found = rows.get(trace, {}) | {"time_us": [t for t, _ in kept], column: [y for _, y in kept]}
-        condition = drive if drive in WAVES else "table", trace.frequency, amplitudes[trace.amplitude]
-        readings += [(*condition, name, float(x)) for name, values in found.items() for x in values]
+        rested = [float(x) for x in found.pop("idle_v", [])] or [0.0]
+        own = driven(drive if drive in WAVES else "table", {"idle_v": rested[0]} | settings)
+        condition = own, trace.frequency, amplitudes[trace.amplitude]
+        readings += [(*condition, name, float(x), 0.0) for name, values in found.items() for x in values]
     files, said = _written(rng, folder, [("launches", sheet), *others], workbook)
     return Foreign(files[0], (*options, *said), tuple(readings), tuple(files[1:]), wrong)
 
@@ -252,7 +276,7 @@ def _recording(
     held = _recorded(pairs, clock.start, clock.every, lasts)
     largest = max(map(abs, held["voltage_v"]))
     phases = {"phase": [t / lasts for t in held["drive_us"]], "level": [u / largest for u in held["voltage_v"]]}
-    return sheet.shuffled(rng), phases | {"idle_v": [Decimal(0)]}, [*said, "--period", f"{lasts}:us"]
+    return sheet.shuffled(rng), phases, [*said, "--period", f"{lasts}:us"]
 
 
 def _recorded(pairs: Pairs, start: Decimal, every: int = 1, lasts: Decimal | None = None) -> dict[str, list[Decimal]]:

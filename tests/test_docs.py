@@ -509,7 +509,7 @@ def test_the_cause_of_the_catalogue_page_is_one(desk: Path, monkeypatch, capsys)
     assert not np.allclose(ranges[0], ranges[1])
 
 
-@pytest.mark.parametrize("page", ["howto/oscilloscope.md", "howto/vibrometer.md"])
+@pytest.mark.parametrize("page", ["howto/oscilloscope.md", "howto/logged-table.md", "howto/vibrometer.md"])
 def test_an_import_prints_what_its_page_shows(page: str, desk: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     file, command, printed = blocks((DOCS / page).read_text("utf-8"))[:3]
     (desk / file.title).write_text(file.text, encoding="utf-8")

@@ -14,7 +14,7 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.challenge.answer import DrawnDesign
-from psafit.drives import TABLE, Drive, Table
+from psafit.drives import TABLE, WAVEFORMS, Drive, Table
 from psafit.experiment import Constants, Experiment, Group, fingerprint
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES
 from psafit.physics.term import Term
@@ -51,7 +51,8 @@ class ConditionSettings:
     other_drives : float
         Share of designs that are driven by `waveforms`, the others by plain sines and squares.
     waveforms : tuple of (str, float)
-        Names and their odds in a group; ``recorded`` is a table of a recorded voltage, ``table`` one of a period.
+        Names and their odds in a group; ``recorded`` is a table of a recorded voltage, ``table`` one of a period. Every
+        waveform that there is; twice as often a sine and those from 0 V, as stacks are driven.
     changed : float
         Share of the groups of these designs that have a bias; the same of an idle voltage, of a phase, and of a drive
         that lasts for some `cycles`.
@@ -89,9 +90,10 @@ class ConditionSettings:
     voltage: tuple[float, float] = (0.5, 10.0)
     other_drives: float = 0.6
     waveforms: tuple[tuple[str, float], ...] = (
-        ("sine", 2.0), ("square", 1.0), ("triangle", 1.0), ("unipolar_sine", 2.0), ("unipolar_square", 2.0),
-        ("table", 1.0), ("recorded", 1.0),
-    )  # fmt: skip
+        *((name, 2.0 if name == "sine" or 0.0 in form.span else 1.0) for name, form in WAVEFORMS.items()),
+        (TABLE, 1.0),
+        ("recorded", 1.0),
+    )
     changed: float = 0.25
     cycles: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0)
     replicates: int = 12

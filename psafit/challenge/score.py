@@ -17,9 +17,11 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta, bootstrap
 
-from psafit.challenge.answer import Place
+from psafit.challenge.answer import DrawnDesign, Place
 from psafit.challenge.campaign import PRIOR, SEEN_NATS, Result
 from psafit.diagnose.trials import stands
+from psafit.drives import WAVEFORMS
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.text import fixed
 
 Ids = frozenset[str]
@@ -131,6 +133,13 @@ class Row:
             return self.verdict != "adequate"
         return self.gain >= SEEN_NATS and not (self.noticed if self.kind == "outside" else self.exact)
 
+    @property
+    def right(self) -> bool:
+        """Whether the answer is right: adequate, an outside effect noticed, or the truth in the reported set."""
+        if self.kind == "nothing":
+            return self.verdict == "adequate"
+        return self.noticed if self.kind == "outside" else self.in_set
+
 
 @dataclass(frozen=True)
 class GainBin:
@@ -203,6 +212,9 @@ class Score:
     false_alarms : Rate
         Of data sets with nothing hidden.
     by_gain : list of GainBin
+    by_design : dict
+        How drawn designs are driven and what they read, then the share of right answers; of data sets with nothing
+        hidden, or of 25 nats or more.
     confusion : dict
         Truth, then what was named, then how often; single causes of 25 nats or more, nothing, and outside effects.
     set_size : dict
@@ -229,6 +241,7 @@ class Score:
     targets: list[Target]
     false_alarms: Rate
     by_gain: list[GainBin]
+    by_design: dict[str, Rate]
     confusion: dict[str, dict[str, int]]
     set_size: dict[str, int]
     reliability: list[ProbabilityBin]
@@ -394,6 +407,7 @@ def score(results: Sequence[Result]) -> Score:
         targets=_targets(results, rows, reliability, believed, unselected),
         false_alarms=_alarms(nothing),
         by_gain=_by_gain(single),
+        by_design=_by_design(results, rows),
         confusion=_table((row.truth, row.named) for row in [*seen, *nothing, *outside]),
         set_size={str(k): n for k, n in sorted(Counter(row.set_size for row in seen).items())},
         reliability=reliability,
@@ -510,6 +524,25 @@ def _by_gain(single: Sequence[Row]) -> list[GainBin]:
             )
         )
     return bins
+
+
+def _by_design(results: Sequence[Result], rows: Sequence[Row]) -> dict[str, Rate]:
+    """Right answers by how designs are driven and what they read, of those that say so."""
+    hits: dict[str, list[bool]] = {}
+    for result, row in zip(results, rows, strict=True):
+        if result.answer.drawn is not None and (row.kind == "nothing" or row.gain >= SEEN_NATS):
+            for kind in _kinds_of(result.answer.drawn):
+                hits.setdefault(kind, []).append(row.right)
+    return {kind: rate(found) for kind, found in sorted(hits.items())}
+
+
+def _kinds_of(design: DrawnDesign) -> set[str]:
+    """What of a design stacks of today have, and the study's has not; see `psafit.drives.Drive.label`."""
+    drives = {label.partition(" (")[0] for label in design.drives.values()}
+    read = {name for names in design.observables.values() for name in names} - {LAUNCH_RANGE.name}
+    found = {"traces" if o.traced else o.titles for o in OBSERVABLES if o.name in read}
+    found |= {"recorded drives"} & {f"{name}s" for name in drives}
+    return found | {"drives from 0 V" for w in WAVEFORMS.values() if w.id.replace("_", " ") in drives and 0.0 in w.span}
 
 
 def _table(pairs: Iterable[tuple[str, str]]) -> dict[str, dict[str, int]]:

@@ -209,7 +209,7 @@ def score(
     """
     from psafit.challenge.answer import ANSWER
     from psafit.challenge.campaign import CAMPAIGN, judge, load
-    from psafit.challenge.score import gained
+    from psafit.challenge.score import gained, percent
     from psafit.challenge.score import score as judge_all
     from psafit.diagnose.record import RESULT
     from psafit.records import write_json
@@ -237,6 +237,8 @@ def score(
         if diagnosis is None:
             for t in found.targets:
                 click.echo(t.text)
+            for kind, r in found.by_design.items():
+                click.echo(f"right answers, {kind}: {percent(r.share)} ({r.k} of {r.n})")
             click.echo(f"log score of the printed probabilities: {_nats(found.log_score)}")
             if against is not None:
                 click.echo(f"above that campaign's: {_nats(gained(found.rows, judge_all(load(against)[1]).rows))}")

@@ -498,8 +498,8 @@ _COUNTED = (
 def disagreeing_groups(groups: Sequence[Group], least: float = 1.37) -> list[str]:
     """One line for each two groups whose readings differ by a factor where they share conditions.
 
-    Readings are ranges or speeds: what is zero where a launch fails grows with the voltage. Of two traces of one
-    condition they are samples at the same times.
+    Readings are of observables that grow with the voltage. Of two traces of one condition they are samples at the same
+    times.
 
     Parameters
     ----------
@@ -534,7 +534,7 @@ def _factor_asked(factor: float) -> str:
 
 def _of_launches(first: Group, second: Group, o: Observable) -> list[float]:
     """Readings of the second group over those of the first, at conditions that they share."""
-    mine, others = (_means(g, o) if not o.blank else {} for g in (first, second))
+    mine, others = (_means(g, o) if o.grows else {} for g in (first, second))
     return [others[condition] / mine[condition] for condition in mine if condition in others]
 
 

@@ -37,4 +37,5 @@ CONTACT_TIME = Observable(
     usual=(1.0, 1e6),
     mistaken=(("ms", "s"), ("ns",)),
     blank=True,
+    grows=False,
 )

@@ -81,6 +81,8 @@ class Observable:
         What else readings that are too small may be, in words.
     blank : bool
         Whether a launch that failed has no such reading. Others read zero then.
+    grows : bool
+        Whether it is larger by about the factor of the drive's voltage; a time is not.
     force : bool
         Whether it asks the simulation for the peak force, which takes longer.
     traced : bool
@@ -101,6 +103,7 @@ class Observable:
     usual: tuple[float, float]
     mistaken: tuple[tuple[str, ...], tuple[str, ...]]
     blank: bool = False
+    grows: bool = True
     force: bool = False
     traced: bool = False
     tip: bool = False

@@ -68,6 +68,7 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
             ]
             for b in score.by_gain
         ],
+        designs=[[kind, str(r.n), f"{_share(r.share)} ({_interval(r)})"] for kind, r in score.by_design.items()],
         outside=[[name, ", ".join(f"{v}: {n}" for v, n in said.items())] for name, said in score.outside.items()],
         misses=[
             [r.id, r.truth, f"{r.gain:.0f}", r.verdict, r.named, "yes" if r.in_set else "no", str(r.seed)]

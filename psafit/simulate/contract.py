@@ -29,10 +29,10 @@ from psafit.physics import TERMS, baseline, term
 from psafit.physics.term import SLOTS, Term
 from psafit.plugins import blamed, message_of
 from psafit.simulate import stepper
-from psafit.simulate.batch import columns, path_of, simulate
+from psafit.simulate.batch import Simulation, columns, path_of, simulate
 from psafit.simulate.callbacks import HOOKS, address
 from psafit.simulate.design import SINE, SQUARE, Design
-from psafit.simulate.literal import literal_launch
+from psafit.simulate.literal import LiteralLaunch, literal_launch
 from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import REFERENCE, RIGS, effect, observe, plausible
 
@@ -113,20 +113,28 @@ class Draw:
         causes = "".join(f'term("{t.id}"), ' for t in self.causes)
         return f"Draw({self.point}, {self.theta}, ({causes}), {self.values})"
 
-    def fast(self, tolerance: float = stepper.TOLERANCE) -> tuple[float, str]:
-        """Launch range, m, and the path that gave it."""
+    def simulated(self, tolerance: float = stepper.TOLERANCE) -> Simulation:
+        """By the fast path."""
         design = Design.sweep(self.constants, self.point.drive, self.point.frequency, self.point.amplitude)
         row = np.array([*self.theta, *itertools.chain(*self.values)])
-        found = simulate(design, row, self.causes, tolerance=tolerance)
+        return simulate(design, row, self.causes, tolerance=tolerance)
+
+    def fast(self, tolerance: float = stepper.TOLERANCE) -> tuple[float, str]:
+        """Launch range, m, and the path that gave it."""
+        found = self.simulated(tolerance)
         # Where the place of a ball counts that is not launched, steps have followed it.
         return float(found.launch_range[0, 0]), found.engine if found.launched[0, 0] else "stepper"
 
-    def reference(self, factor: float = 1.0) -> float:
-        """Launch range, m, of the literal reference, with all parameters times a factor."""
+    def literal(self, factor: float = 1.0) -> LiteralLaunch:
+        """By the literal reference, with all parameters times a factor."""
         theta = [x * factor for x in self.theta]
         values = [[x * factor for x in own] for own in self.values]
         pairs = list(zip(self.causes, values, strict=True))
-        return literal_launch(self.point, theta, pairs, self.constants).launch_range
+        return literal_launch(self.point, theta, pairs, self.constants)
+
+    def reference(self, factor: float = 1.0) -> float:
+        """Launch range, m, of the literal reference, with all parameters times a factor."""
+        return self.literal(factor).launch_range
 
     def beyond_a_jump(
         self, fast: float, value: float, *, nearby: float = 1e-6, jump: float = 0.01, like: float = 1e-3

@@ -11,8 +11,14 @@ from campaigns import result
 
 from psafit.challenge.answer import Place
 from psafit.challenge.campaign import PRIOR, Result
+from psafit.challenge.conditions import blank, summary
 from psafit.challenge.score import SHOWING_NATS, clustered, gained, located, rate, reported_set, score
+from psafit.drives import Drive, Table
+from psafit.experiment import Constants, Group
 from psafit.model_search import SearchSettings
+from psafit.observables import OBSERVABLES
+from psafit.observables.contact_time import CONTACT_TIME
+from psafit.observables.velocity import VELOCITY
 
 
 def test_binomial_intervals_are_exact() -> None:
@@ -66,6 +72,34 @@ def test_false_alarms_are_counted() -> None:
     assert score([quiet] * 19 + [alarm]).targets[2].holds is True
     found = score([quiet] * 18 + [alarm] * 2)
     assert found.targets[2].holds is False and (found.false_alarms.k, found.false_alarms.n) == (2, 20)
+
+
+def test_right_answers_are_counted_by_how_designs_are_driven_and_what_they_read() -> None:
+    """In words of `summary`, which a challenge writes."""
+    drives = Drive("unipolar_sine", bias_v=2.0), Drive("table", table=Table(np.array([0.0, 1.0]), np.ones(2), True))
+    time, motion = OBSERVABLES.index(CONTACT_TIME), OBSERVABLES.index(VELOCITY)
+    groups = [
+        Group(k, drive, "", np.ones(1), np.ones(1), np.ones(1), measured=np.array([read]))
+        for k, (drive, read) in enumerate([*zip(drives, (0, time), strict=True), (Drive("sine"), motion)])
+    ]
+    plain, mixed, traced = (
+        summary(blank(Constants(*6 * [1.0]), tuple(some))) for some in ([groups[0]], groups[:2], groups[2:])
+    )
+    found = score(
+        [
+            replace(one, answer=replace(one.answer, drawn=design))
+            for one, design in (
+                (result(["a"], verdict="ambiguous", named=["b"], alternatives=[["a"]]), plain),
+                (result(["a"], named=["b"]), mixed),
+                (result(["a"], named=["b"], gain=5.0), mixed),  # an oracle cannot see it
+                (result([], verdict="adequate"), traced),
+                (result([], verdict="adequate"), None),
+            )
+        ]
+    )
+    assert {kind: (r.k, r.n) for kind, r in found.by_design.items()} == {
+        "contact times": (0, 1), "drives from 0 V": (1, 2), "recorded drives": (0, 1), "traces": (1, 1),
+    }  # fmt: skip
 
 
 def test_pairs_need_both() -> None:

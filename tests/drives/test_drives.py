@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from keyed import CONSTANTS
 
 from psafit import drives
 from psafit.drives import NAMES, WAVEFORMS, Drive, Piece, Table, Waveform, instead
@@ -102,6 +103,7 @@ WAVEFORM = Waveform(
 """
 USE = """
 import sys
+from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 import psafit.drives
 assert psafit.drives.__file__.startswith(sys.argv[1]), psafit.drives.__file__
@@ -117,13 +119,23 @@ theta = [4e5, 9e3, 60.0]
 fast = simulate(Design.sweep(rig, "sawtooth", 800.0, 20.0), theta).launch_range[0, 0]
 slow = literal_launch(Point(Drive("sawtooth"), 800.0, 20.0), theta, [], rig).launch_range
 assert slow > 1e-7 and abs(fast - slow) < 1e-8 * slow, (fast, slow)
+
+from psafit.challenge.conditions import ConditionSettings
+from psafit.experiment import read_experiment
+assert read_experiment(Path(sys.argv[1], "rig")).groups[0].drive == Drive("sawtooth")
+assert "sawtooth" in dict(ConditionSettings().waveforms)
 """
 
 
 @pytest.mark.slow
 def test_a_drive_is_one_file(tmp_path: Path) -> None:
-    """In a copy of the package, a waveform is added by a file, and simulated by both; the engine stays compiled."""
+    """In a copy of the package a file adds a waveform: simulated by both, read, drawn; the engine stays compiled."""
     shutil.copytree(Path(drives.__file__).parents[1], tmp_path / "psafit")
     (tmp_path / "psafit" / "drives" / "sawtooth.py").write_text(SAWTOOTH)
+    (tmp_path / "rig").mkdir()
+    group = ["[[group]]", "id = 1", 'waveform = "sawtooth"', 'file = "a.csv"']
+    lines = ['title = "t"', "[constants]", *(f"{k} = {v}" for k, v in CONSTANTS.items()), *group]
+    (tmp_path / "rig" / "experiment.toml").write_text("\n".join(lines))
+    (tmp_path / "rig" / "a.csv").write_text("frequency_hz,amplitude_v,launch_range_um\n800,20,30\n900,20,25\n")
     run = subprocess.run([sys.executable, "-c", USE, str(tmp_path)], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr

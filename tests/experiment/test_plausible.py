@@ -119,13 +119,15 @@ def test_groups_that_share_a_condition_and_differ_are_named(tmp_path: Path, fact
     assert not read_experiment(write(tmp_path, other, first, second)).warnings
 
 
-def test_groups_whose_speeds_differ_are_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("column", "plural"), [("launch_speed_mm_s", "speeds"), ("peak_force_n", "forces")])
+def test_groups_whose_speeds_or_forces_differ_are_named(column: str, plural: str, tmp_path: Path) -> None:
     """A time does not grow with the voltage."""
     toml = TOML.replace('waveform = "square"', 'waveform = "sine"')
-    header = "frequency_hz,amplitude_v,launch_speed_mm_s,contact_time_us\n"
+    header = f"frequency_hz,amplitude_v,{column},contact_time_us\n"
     warnings = read_experiment(write(tmp_path, toml, f"{header}1200,20,0.5,200\n", f"{header}1200,20,1,90\n")).warnings
     assert len(warnings) == 1
-    assert "speeds are 2 times those of group 1 at one shared condition; are volts of one of them peak" in warnings[0]
+    said = f"{plural} are 2 times those of group 1 at one shared condition; are volts of one of them peak"
+    assert said in warnings[0]
 
 
 def test_a_constant_too_small_is_not_asked_for_the_unit_of_one_too_large(tmp_path: Path) -> None:

@@ -21,9 +21,9 @@ class Where:
     Parameters
     ----------
     group : group id
-    variable : {"frequency", "amplitude"}
-        What the group's sweep varies.
-    start, to : float, Hz or V
+    variable : {"frequency", "amplitude", "time"}
+        What the group's sweep varies, or along a trace.
+    start, to : float, Hz, V or us
         The stretch; the key of `start` is "from".
     text : str
         The same in words.
