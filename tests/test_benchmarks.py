@@ -15,14 +15,26 @@ import pytest
 
 from psafit.experiment import Experiment, read_experiment
 from psafit.inference.problem import Problem
-from psafit.physics import TERMS, terms
+from psafit.physics import TERMS, term, terms
+from psafit.physics.term import SLOTS
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
-yardstick, search_sets, estimates, null_leads, cases, peers, work_precision, ties, against_version = map(
+yardstick, search_sets, estimates, null_leads, cases, peers, work_precision, ties, against_version, surprises = map(
     import_module,
-    ("search", "search_sets", "estimates", "null_leads", "cases", "peers", "work_precision", "ties", "against_version"),
+    (
+        "search",
+        "search_sets",
+        "estimates",
+        "null_leads",
+        "cases",
+        "peers",
+        "work_precision",
+        "ties",
+        "against_version",
+        "surprises",
+    ),
 )
 
 
@@ -48,6 +60,20 @@ def record(id: str = "one", **changes: Any) -> dict[str, Any]:
 
 def best(log_posterior: float) -> dict[str, Any]:
     return {"causes": ["gap"], "log_posterior": log_posterior, "probability": 0.9}
+
+
+def test_surprises_are_of_every_slot_and_count_where_enough_shows() -> None:
+    strong = [one for one in surprises.wanted() if one.cause in surprises.STRONG]
+    assert [term(cause).slot for cause in surprises.STRONG] == list(SLOTS)
+    assert len(strong) == 14 and len(surprises.wanted()) == 26
+    for one in strong:
+        ((cause, ((_, value),)),) = one.hidden
+        assert term(cause).strength.is_implausible(value), one.name
+    with pytest.raises(AssertionError, match="too far"):
+        surprises.Surprise("too far", (("gap", (("gap_width", 5e-5),)),), "gap")
+    row = {"cause": "adhesion", "in_the_set": True, "flagged": ["adhesion_force"], "true_gain": 60.0}
+    rows = [row, row | {"flagged": []}, row | {"true_gain": 49.0}, row | {"cause": "preload", "true_gain": None}]
+    assert surprises.summary(rows, 50.0).endswith("in the set and flagged 1 of 2")
 
 
 def test_causes_are_dealt_the_same_every_time_and_all_occur() -> None:

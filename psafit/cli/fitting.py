@@ -212,6 +212,7 @@ def _span(span: list[float], unit: str) -> str:
 def _say_fit(result: Run, numerics: Numerics) -> None:
     """Say what a fit found, and whether it converged."""
     from psafit.inference.identify import profiled
+    from psafit.inference.summary import overdamped
     from psafit.report.wording import compared
 
     best = result.fit.minima[0]
@@ -225,6 +226,8 @@ def _say_fit(result: Run, numerics: Numerics) -> None:
         strange = p.implausible and p.verdict != "not determined"
         also = profiled(p.profile, (p.lower, p.upper), p.verdict)
         click.echo(f"  {p.text}{also}" + ("; implausible under its prior" if strange else ""))
+    if lagging := overdamped(result.problem, result.summary.parameters):
+        click.echo(lagging)
     click.echo(f"posterior: {result.summary.message}")
     other = result.summary.importance
     worst = other.furthest

@@ -15,6 +15,8 @@ from psafit.inference.problem import Problem
 from psafit.inference.sampling import Chain
 from psafit.parameters import SHARES
 from psafit.records import Fit, ImportanceEntry, ImportanceSummary, ParameterSummary, PosteriorSummary, ProfilePoint
+from psafit.simulate import rig_of
+from psafit.text import significant
 
 
 def summarise(
@@ -87,6 +89,28 @@ def summarise(
         parameters=entries,
         importance=compared(problem, sampled, importance, float(min(health["ess_tail"]))),
         files=files,
+    )
+
+
+def overdamped(problem: Problem, entries: Sequence[ParameterSummary]) -> str:
+    r"""Say that the stack's damping is none; empty where it may be.
+
+    .. math:: c_s > 2 \sqrt{k_s m}
+
+    Beyond critical damping the stack does not swing: it follows its force with a lag of :math:`c_s/k_s`, more than
+    :math:`1/\pi` of its period. It is said where the whole interval of c_s lies there. The rig's numbers are as the
+    causes leave them.
+    """
+    i = problem.names.index("c_s")
+    u = problem.to_sampling(np.array([[p.median for p in entries]]))
+    theta = problem.theta(u, problem.group_ids)
+    rig = rig_of(problem.experiment.constants, theta, problem.terms, len(problem.group_ids))
+    critical = 2.0 * math.sqrt(float(rig.k_s[0] * rig.m[0]))
+    if entries[i].lower <= critical:
+        return ""
+    return (
+        f"c_s is beyond critical damping ({significant(critical, 2)} N s/m): the stack does not swing but lags by"
+        f" c_s/k_s, {significant(1e6 * float(rig.c_s[0] / rig.k_s[0]), 2)} us, and that may stand for another lag"
     )
 
 

@@ -27,7 +27,7 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
 
 def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Bond ``F_ad``."""
-    rig.bond = p[0]
+    rig.bond += p[0]
 
 
 def _reach(force: float, bond: float) -> float:

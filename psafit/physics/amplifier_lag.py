@@ -25,7 +25,7 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
 
 def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Time constant ``tau_a``."""
-    rig.lag = p[0]
+    rig.lag += p[0]
 
 
 TERM = Term(

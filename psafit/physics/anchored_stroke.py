@@ -127,7 +127,8 @@ TERM = Term(
             prior=LogNormal(150.0, 2.0),
             description="voltage at which the stroke per volt is the data sheet's",
             source="rated voltage of a stack: of co-fired ones 60 to 200 V, of stacked discs 500 to 1000 V (an"
-            " estimate); 150 V for AE0505D16DF (its data sheet, read, states the stroke there)",
+            " estimate); 150 V for AE0505D16DF (its data sheet, read, states the stroke there). At 1 kV/mm 5 V are"
+            " layers of 5 um and 5000 V discs of 5 mm, of which no stack is made (an estimate)",
         ),
     ),
     symptom=Symptom(

@@ -46,7 +46,8 @@ TERM = Term(
             description="one over the voltage at which the stroke saturates",
             source="the strain of soft PZT is still rising at 1-2 kV/mm (Uchino 1997), 100-200 V on 0.1 mm layers, and"
             " the data sheet's strokes at 100 and 150 V are proportional: U_sat > 150 V; an output stage meant for"
-            " +-20 V clips above 25 V",
+            " +-20 V clips above 25 V. 0.5 1/V is U_sat = 2 V, a fortieth of the coercive voltage (80-120 V): no domain"
+            " is aligned there, and an output stage that ends at 2 V drives no stack",
             neutral=0.0,
         ),
     ),

@@ -26,7 +26,7 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
 
 def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Gap ``g_0``."""
-    rig.gap = p[0]
+    rig.gap += p[0]
 
 
 def _voltage(gap: float) -> float:

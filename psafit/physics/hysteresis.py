@@ -63,7 +63,8 @@ TERM = Term(
             prior=LogNormal(30.0, 3.0),
             description="voltage within which the stroke per volt recovers after a turn",
             source="loops keep widening with the amplitude up to the full 150 V, so U is tens of volts; the coercive"
-            " voltage of soft PZT, 0.8-1.2 kV/mm on 0.1 mm layers, is 80-120 V",
+            " voltage of soft PZT, 0.8-1.2 kV/mm on 0.1 mm layers, is 80-120 V. Within 1 V no loop would widen beyond"
+            " the smallest drives; with 1000 V a drive of tens of volts has no loop but a lower stroke",
         ),
     ),
     symptom=Symptom(

@@ -28,7 +28,7 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
 
 def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Periods ``N_cyc``."""
-    rig.cycles = p[0]
+    rig.cycles += p[0]
 
 
 TERM = Term(

@@ -27,7 +27,7 @@ def swing_offset(p: FloatArray) -> FloatArray:
 
 def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Weight ``w`` of the ball's place at separation."""
-    rig.offset_weight = p[0]
+    rig.offset_weight += p[0]
 
 
 def _range(v: float, x_2: float, w: float) -> float:

@@ -28,7 +28,7 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
 
 def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Phase ``phi_0``."""
-    rig.phase = p[0]
+    rig.phase += p[0]
 
 
 TERM = Term(

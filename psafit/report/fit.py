@@ -14,6 +14,7 @@ from psafit.inference.evidence import TRUSTED
 from psafit.inference.identify import one_sided
 from psafit.inference.run_folder import Run
 from psafit.inference.samplers import sampler
+from psafit.inference.summary import overdamped
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.records import GroupScore, Numerics, ParameterSummary, Validation
 from psafit.report import figures, fit_pictures
@@ -228,7 +229,10 @@ def _what_is_wrong(run: Run, validation: Validation) -> Markup:
             " for its cause."
         ).format(groups(drifting))
     head = Markup("<strong>What is wrong?</strong>")
-    return Markup(" ").join([head, trend, _what_is_not_determined(run), *_what_is_implausible(run)])
+    said = [head, trend, _what_is_not_determined(run), *_what_is_implausible(run)]
+    if lagging := overdamped(run.problem, run.summary.parameters):
+        said.append(Markup("{}.").format(typeset(lagging)))
+    return Markup(" ").join(said)
 
 
 def _informative(validation: Validation, role: str) -> list[GroupScore]:
