@@ -129,6 +129,13 @@ def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0, more: fl
     volts = {t.amplitude: notation.text(float(Decimal(repr(t.amplitude)) / counts[counted])) for t in traces}
     same = Form(notation, style, heads, times, traces, counted, {} if held else volts)
     sheet = _wide(same) if form == "wide" else _below(rng, same)
+    recorded = drive in ("next", "own")
+    drawn = some_of(rng, ["idle_v"] if recorded else SETTINGS) if rng.random() < more else []
+    # Next to a recording a column of its idle voltage is asked about, and one of an offset next to a drive from 0 V.
+    asked = drawn if recorded or form == "wide" else ["bias_v"] if "unipolar" in drive else []
+    columns = [name for name in drawn if name not in asked and rng.random() < 0.5]
+    settings, said = held_settings(rng, [name for name in drawn if name not in columns])
+    own_settings = _with_settings(rng, same, sheet, columns)
     if form == "mixed":
         time = sheet.kinds.index("time")
         sheet.rows.sort(key=lambda row: notation.value(row[time]))
@@ -136,8 +143,6 @@ def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0, more: fl
     options = clock.options
     options += ["--set", f"amplitude_v={notation.value(volts[held])}:{SAID[counted]}"] if held else []
     options += ["--waveform", drive] if drive in WAVES else []
-    takes = ["idle_v"] if drive in ("next", "own") else list(SETTINGS)
-    settings, said = held_settings(rng, some_of(rng, takes) if rng.random() < more else [])
     options += said
     seen = [notation.value(t) * TIMES[clock.unit] for t in times]
     others: list[tuple[str, Sheet]] = []
@@ -162,8 +167,8 @@ def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0, more: fl
         kept = [(t, notation.value(y) * units[unit]) for t, y in moved][:: clock.every]
         found = rows.get(trace, {}) | {"time_us": [t for t, _ in kept], column: [y for _, y in kept]}
         rested = [float(x) for x in found.pop("idle_v", [])] or [0.0]
-        own = driven(drive if drive in WAVES else "table", {"idle_v": rested[0]} | settings)
-        condition = own, trace.frequency, amplitudes[trace.amplitude]
+        own = {"idle_v": rested[0]} | settings | own_settings[trace]
+        condition = driven(drive if drive in WAVES else "table", own), trace.frequency, amplitudes[trace.amplitude]
         readings += [(*condition, name, float(x), 0.0) for name, values in found.items() for x in values]
     files, said = _written(rng, folder, [("launches", sheet), *others], workbook)
     return Foreign(files[0], (*options, *said), tuple(readings), tuple(files[1:]), wrong)
@@ -233,6 +238,24 @@ def _below(rng: random.Random, form: Form) -> Sheet:
         for k, (time, y) in enumerate(zip(form.times, trace.motion, strict=True)):
             sheet.rows.append([time, f, y, *amplitude, *trace.volts[k : k + 1]])
     return sheet.shuffled(rng)
+
+
+def _with_settings(rng: random.Random, form: Form, sheet: Sheet, names: Sequence[str]) -> dict[Trace, dict[str, float]]:
+    """Add columns of settings of the drive, constant along each trace; the settings of each."""
+    found: dict[Trace, dict[str, float]] = {trace: {} for trace in form.traces}
+    for name in names:
+        called, units, bounds = SETTINGS[name]
+        unit = rng.choice(list(units))
+        head = rng.choice(called)
+        sheet.heads.append(form.style.format(head, unit) if unit else head)
+        sheet.kinds.append("setting")
+        drawn = [round(rng.uniform(*bounds), 2) for _ in range(rng.choice([1, 2]))]
+        for k, trace in enumerate(form.traces):
+            cell = form.notation.text(float(Decimal(repr(rng.choice(drawn))) / units[unit]))
+            found[trace][name] = float(form.notation.value(cell) * units[unit])
+            for row in sheet.rows[k * len(form.times) : (k + 1) * len(form.times)]:
+                row.append(cell)
+    return found
 
 
 def _wide(form: Form) -> Sheet:
@@ -315,7 +338,8 @@ def _damage(rng: random.Random, sheet: Sheet, workbook: bool, wide: bool) -> str
     place = rng.randrange(len(sheet.kinds))
     row = rng.choice([row for row in sheet.rows if row])
     time = sheet.kinds.index("time")
-    if sheet.kinds[place] == "motion" and wide and how in ("empty", "heading"):  # a sample, a column that is left out
+    left_out = ("empty", "heading") if wide else ("heading",)  # a sample, or a column that is
+    if sheet.kinds[place] == ("motion" if wide else "setting") and how in left_out:
         place = time
     if how == "cell":
         words: list[Any] = ["over", "1.2.3", "NaN", "inf", "--", "0x1F", "1e9999", "１,,２"]
