@@ -47,7 +47,8 @@ class SearchSettings(SampleSettings):
         Standard error of the evidence by a short fit.
     missed : float
         Chance that a search never fits the set that would lead. It is a part of every probability that is printed. As
-        measured (docs/search-yardstick.md): k of n data sets missed by more than a nat give (k + 1/2)/(n + 1).
+        measured for sets of one or two causes (docs/search-yardstick.md): k of n data sets missed by more than a nat
+        give (k + 1/2)/(n + 1). With more causes it is greater: one of five triples was missed.
     """
 
     window: float = 5.0

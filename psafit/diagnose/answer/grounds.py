@@ -135,8 +135,10 @@ class Searched(Statement):
     missed: float
 
     def say(self, words: Words) -> str:
-        how = "{} The probabilities allow for a chance of {} that a better set was missed."
-        return words.put(how, self._counted, words.per_cent(self.missed))
+        return words.put(
+            "{} The probabilities allow for a chance of {} that a better set was missed"
+            " (measured for one or two causes).", self._counted, words.per_cent(self.missed),
+        )  # fmt: skip
 
     @property
     def _counted(self) -> str:
