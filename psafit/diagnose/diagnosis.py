@@ -300,7 +300,7 @@ class Work:
             influence=influence(model_set, verdict.named, seed=self.seed, draws=self.settings.draws),
             draft=drafted(judgement, self.folder),
         )
-        result = replace(result, sentences=sentences(result))
+        result = replace(result, sentences=sentences(result, experiment.beliefs))
         write_json(self.folder / RESULT, result, sealed=True)
         return result
 

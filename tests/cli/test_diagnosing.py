@@ -12,7 +12,9 @@ from diagnoses_by_hand import make_experiment, make_record, parameters
 
 import psafit.diagnose
 from psafit.cli.diagnosing import say_diagnosis
+from psafit.diagnose.answer import sentences
 from psafit.errors import InputError
+from psafit.parameters import Belief, LogNormal
 
 
 def test_a_diagnosis_without_its_page_was_interrupted(known_folder, tmp_path, monkeypatch):  # type: ignore[no-untyped-def]
@@ -81,3 +83,15 @@ def test_what_had_to_do_is_compared_among_models_of_the_catalogue(capsys: pytest
     shares = [float(row.split("%")[0].strip(" <>")) for row in rows.splitlines() if " %  " in row]
     assert "a discrepancy without a name" not in rows
     assert shares[0] == pytest.approx(100 * record.causes[0].evidence.share, abs=0.06)
+
+
+def test_record_and_terminal_say_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    """What the experiment believes of causes that the readings do not show is in both."""
+    record = make_record(make_experiment())
+    belief = Belief("swing_drag_rate", LogNormal(1.0, 2.0), "sailcloth", probability=0.9)
+    said = sentences(record, [belief])
+    say_diagnosis(record, [belief])
+    printed = capsys.readouterr().out
+    assert any("swing_drag (90 %, by [prior])" in text for text in said)
+    (left,) = (text for text in said if f"  {text}\n" not in printed)
+    assert left.startswith("Size, with 90 % interval")  # the terminal has a table of them

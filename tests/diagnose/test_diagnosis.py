@@ -27,6 +27,7 @@ from psafit.inference.run import fit as run_fit
 from psafit.inference.run_folder import load
 from psafit.inference.samplers.emcee import Settings
 from psafit.model_search import search_models
+from psafit.parameters import Belief, Normal
 from psafit.physics import TERMS
 
 
@@ -164,18 +165,23 @@ def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, 
 
 
 def test_only_the_causes_asked_for_are_looked_at(tmp_path):
-    """The record, its headline and its sentence say so; without a restriction they say nothing."""
-    found = diagnose(experiment(n=8), ["a"], tmp_path, quick=True, catalogue=FEW[:2], settings=Effort(simulated=49))
+    """The record, its headline and its sentence say so; without a restriction they say nothing.
+
+    The record also has the sentence that rests on what the experiment believes, as the terminal and the page do.
+    """
+    short = Belief("amplifier_lag_tau", Normal(0.0, 3e-7), "data sheet", probability=0.95)
+    data = replace(experiment(n=8), beliefs=(short,))
+    found = diagnose(data, ["a"], tmp_path, quick=True, catalogue=FEW[:2], settings=Effort(simulated=49))
+    assert any("amplifier_lag (95 %, by [prior])" in text for text in found.sentences)
+    assert found.sentences == sentences(found, data.beliefs)
     assert [s.id for s in found.screening] and {s.id for s in found.screening} == {t.id for t in FEW[:2]}
     assert found.left_out == [t.id for t in TERMS if t not in FEW[:2]]
     assert found.headline.endswith("(of 2 causes looked at)")
     assert found.sentences[0].startswith("Only ") and f"{len(TERMS) - 2} other causes" in found.sentences[0]
     whole = replace(found, left_out=[])
     assert not sentences(whole)[0].startswith("Only ") and "looked at" not in whole.headline
-    assert (
-        diagnose(experiment(n=8), ["a"], tmp_path, quick=True, catalogue=FEW[:2], settings=Effort(simulated=49))
-        == found
-    )  # read back
+    again = diagnose(data, ["a"], tmp_path, quick=True, catalogue=FEW[:2], settings=Effort(simulated=49))
+    assert again == found  # read back
 
 
 @pytest.mark.slow

@@ -109,9 +109,9 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
     return (*found, Searched(d.looked_at, d.settings.search.missed))
 
 
-def sentences(d: Diagnosis) -> list[str]:
-    """Return the answer in plain words, as the record and the terminal give it."""
-    return [statement.say(PLAIN) for statement in answer(d)]
+def sentences(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> list[str]:
+    """Return the answer in plain words, as the record and the terminal give it; see `answer`."""
+    return [statement.say(PLAIN) for statement in answer(d, beliefs)]
 
 
 def kept(d: Diagnosis) -> float:
