@@ -12,6 +12,7 @@ from psafit.diagnose.answer import (
     ByChance,
     Furthest,
     Gained,
+    Implausible,
     Judged,
     Kind,
     Named,
@@ -210,6 +211,13 @@ def test_what_fits_at_implausible_values_is_not_said_to_explain() -> None:
     (named,) = of(usual, Named)
     assert "hysteresis (probability 61 %) explains the misfit" in named.say(PLAIN)
     assert usual.headline == "verdict: explained: hysteresis" and kind(usual) == "good"
+
+
+def test_an_implausible_scatter_is_flagged_too() -> None:
+    first, *others = record().causes
+    d = replace(record(), causes=[replace(first, implausible=["sigma_abs"]), *others])
+    (found,) = of(d, Implausible)
+    assert found.say(PLAIN) == "Implausible values: sigma_abs of hysteresis."
 
 
 def test_groups_that_are_predicted_worse_are_named() -> None:

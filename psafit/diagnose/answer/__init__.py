@@ -175,7 +175,7 @@ def _values(d: Diagnosis) -> Iterator[Statement]:
     if own or others:
         yield Sizes(list(own.items()), list(others.items()), d.verdict)
     named = [d.best_model] if d.best_model and d.named else []
-    if odd := [(c.terms, c.strange) for c in [*named, *tied] if c.strange]:
+    if odd := [(c.terms, c.implausible) for c in [*named, *tied] if c.implausible]:
         yield Implausible(odd)
 
 

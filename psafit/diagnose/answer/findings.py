@@ -304,7 +304,10 @@ class Sizes(Statement):
 
 @dataclass(frozen=True)
 class Implausible(Statement):
-    """Values that whoever knows such rigs would not believe, by the set that has them; what is named first."""
+    """Values that whoever knows such rigs would not believe, by the set that has them; what is named first.
+
+    Those of the scatter are among them: they do not change the verdict, but a large scatter may hide a misfit.
+    """
 
     topic = "wrong"
     values: list[tuple[list[str], list[str]]]

@@ -177,12 +177,11 @@ class Diagnosis(Brief):
         How much work went into each part.
     laws : list of Broken
         Laws that hold whatever the causes are, and that the model adopted, or one of the first alternatives, breaks.
-        An ambiguous verdict has one of the last two, too.
     by_likelihood : list of lists of str
         Alternatives that fit as well, and that are not needed for 95 % of the probability.
     unexplained_by : {"", "structure", "smooth", "law", "values"}
         Why what is named does not explain the readings: structure remains, a smooth curve in its place is more
-        probable, it breaks a law, or it has implausible values.
+        probable, it breaks a law, or it has implausible values. An ambiguous verdict has one of the last two, too.
     counted : list of Counted
         Larger sets that are counted with what is named, or with the baseline of an adequate verdict.
     calibration : Calibration, optional
@@ -243,11 +242,6 @@ class Diagnosis(Brief):
     def explains(self) -> bool:
         """Whether what it says is put forward as the truth: see `psafit.diagnose.trials.stands`."""
         return stands(self.verdict, self.unexplained_by)
-
-    @property
-    def strange(self) -> list[str]:
-        """Parameters of what is named whose values are implausible, the scatter's aside."""
-        return self.best_model.strange if self.best_model and self.named else []
 
     @property
     def headline(self) -> str:

@@ -10,7 +10,6 @@ from psafit.diagnose.record.misfit import Condition
 from psafit.diagnose.show import Corner, Drift, Growth, Line
 from psafit.experiment import GroupId
 from psafit.inference.samplers.nautilus import NestedEvidence
-from psafit.observables import OBSERVABLES
 from psafit.records import ABSENT, Brief
 
 
@@ -105,12 +104,6 @@ class CauseResult(Brief):
     def sampled(self) -> bool:
         """Whether the model was sampled, and not only fitted."""
         return self.evidence.method != "Laplace"
-
-    @property
-    def strange(self) -> list[str]:
-        """Implausible parameters of the model, the scatter's aside."""
-        scatter = {p.name for o in OBSERVABLES for p in o.scatter}
-        return [name for name in self.implausible if name not in scatter]
 
 
 @dataclass(frozen=True)
