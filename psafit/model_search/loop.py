@@ -140,7 +140,8 @@ class Searched(Generic[Content]):
     expanded : frozenset
         Those of which the neighbours were fitted: all of them, or all that may come near.
     whole : bool
-        Whether all neighbours were fitted of every model that shows within the window.
+        Whether all neighbours were fitted of every model that shows within the window, those beyond the most causes
+        that a set may have among them.
     """
 
     models: Mapping[Ids, Model[Content]]
@@ -356,9 +357,9 @@ class _Known(Generic[Content]):
         """What was looked at."""
         final = {ids: replace(m, log_evidence=self.evidence(m)) for ids, m in self.models.items()}
         shown = [m for m in self.models.values() if self.shows(m)]
-        least, most = max(map(self.value, shown)) - self.settings.window, self.settings.most_causes
+        least, names = max(map(self.value, shown)) - self.settings.window, self.catalogue
         near = [m.ids for m in shown if self.value(m) >= least]
-        wanted = (s for ids in near for s in (*exchanged(ids, self.catalogue), *enlarged(ids, self.catalogue, most)))
+        wanted = (s for ids in near for s in (*exchanged(ids, names), *enlarged(ids, names, len(names))))
         expanded = frozenset(ids for ids, done in self.done.items() if done == _KINDS)
         return Searched(final, expanded, all(ids in final for ids in wanted))
 

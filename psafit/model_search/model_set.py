@@ -66,14 +66,11 @@ class LookedAt:
     mass_not_looked_at: float
     neighbours: bool = False
 
-    def no_other(self, causes: int, most: int, what: str = "set") -> str:
-        """Return which sets do not do as well as one of so many causes: no other, or none that was looked at.
-
-        Sets of more than `most` causes were not.
-        """
+    def no_other(self, what: str = "set") -> str:
+        """Return which sets do not do as well: no other, or none that was looked at."""
         seen = "" if self.neighbours else " that was looked at"
         seen = seen if self.mass_not_looked_at < NEGLIGIBLE else " that was sampled"
-        return f"no other {what}{f' of at most {most} causes' if causes == most else ''}{seen}"
+        return f"no other {what}{seen}"
 
 
 @dataclass(frozen=True, eq=False)

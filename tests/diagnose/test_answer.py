@@ -59,9 +59,6 @@ def test_only_what_was_looked_at_does_less_well() -> None:
         assert said in named.say(PLAIN)
     (named,) = of(replace(alone, looked_at=LookedAt(164, 151, 0.004, neighbours=False)), Named)
     assert "no other set that was looked at does as well" in named.say(PLAIN)
-    settings = replace(alone.settings, search=replace(alone.settings.search, most_causes=len(alone.named)))
-    (named,) = of(replace(alone, settings=settings), Named)
-    assert f"no other set of at most {len(alone.named)} causes does as well" in named.say(PLAIN)
     (named,) = of(replace(alone, unnamed=0.2), Named)
     assert "A discrepancy without a name keeps 20 % of the probability." in named.say(PLAIN)
 

@@ -391,3 +391,11 @@ def test_what_is_foreseen_is_what_follows() -> None:
     assert list(of) == [("a",), ("a", "b"), ("a", "b", "c")] and of["a", "b"] and not of["a", "b", "c"]
     exchanges = set(exchanged(("a", "b"), CATALOGUE)) & {*of["a", "b"]}
     assert exchanges == {ids for ids in fake.carried_over if len(ids) == 2 and {"a", "b"} & {*ids}}
+
+
+def test_neighbours_beyond_the_most_causes_were_not_looked_at() -> None:
+    """Whatever leads: here one cause does, and a pair, the largest set allowed, lies within the window or beyond."""
+    for gain, whole in ((5.0, False), (-1.0, True)):
+        fake = Fake(lambda ids, gain=gain: sum({"a": 30.0, "b": gain}.get(id, -1.0) for id in ids))
+        found = search(CATALOGUE, fake, lambda ids: -7.0 * len(ids), SearchSettings(most_causes=2, window=5.0))
+        assert found.whole == whole and max(map(len, found.models)) == 2

@@ -152,7 +152,6 @@ def _named(d: Diagnosis) -> Statement:
         unnamed=d.unnamed,
         looked_at=d.looked_at,
         restricted=bool(d.left_out),
-        most=d.settings.search.most_causes,
     )
 
 

@@ -178,8 +178,6 @@ class Named(Statement):
         Probability of a discrepancy without a name.
     looked_at : LookedAt
     restricted : bool
-    most : int
-        Causes that a set of the search has at most.
     """
 
     topic = "wrong"
@@ -195,7 +193,6 @@ class Named(Statement):
     unnamed: float
     looked_at: LookedAt
     restricted: bool
-    most: int
 
     def say(self, words: Words) -> str:
         what = words.causes(self.causes)
@@ -204,9 +201,7 @@ class Named(Statement):
         near = [words.instead(self.causes, r.causes) for r in self.alternatives if not r.by_likelihood]
         unnamed = words.put(" A discrepancy without a name keeps {} of the probability.", words.per_cent(self.unnamed))
         rest = unnamed if self.unnamed >= WORTH_SAYING else ""
-        other = self.looked_at.no_other(
-            len(self.causes), self.most, "set of these causes" if self.restricted else "set"
-        )
+        other = self.looked_at.no_other("set of these causes" if self.restricted else "set")
         if self.verdict == "explained":
             how = "{} explains the misfit; the tests find nothing left of it, and {} does as well.{}"
             if not self.rejected:

@@ -358,7 +358,7 @@ def no_alternative(result: Diagnosis) -> str:
     if not result.named:
         return "No set of causes that was fitted stands out from the baseline, which does not explain the readings."
     what = "set of these causes" if result.left_out else "set of causes"
-    other = result.looked_at.no_other(len(result.named), result.settings.search.most_causes, what)
+    other = result.looked_at.no_other(what)
     return f"{other.capitalize()} does as well."
 
 
