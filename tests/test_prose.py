@@ -25,8 +25,8 @@ GONE = re.compile(
     r"|[Ll]adders?|[Ll]eaders?|[Tt]old|[Tt]ell(s|ing|er)?|[Bb]eside|[Aa]like|unnamed discrepancy)(?![a-z])"
 )
 KEYS = re.compile(
-    r"W\. Hill|(short|carried)_climbs|\"climb\"|\.leftover|leftover=|leftover ?:|\.alike|alike=|alike ?:|`alike`"
-    r"|buffer\.tell"
+    r"W\. Hill|(short|carried)_climbs|\"climb\"|\.leftover|leftover=|leftover ?:|confusion\.alike|alike=confus"
+    r"|alike ?: list|`alike`|buffer\.tell"
 )
 # A log posterior has no height; rebounds, pictures and the tip that a ball leaves have.
 HEIGHT = re.compile(r"(?<![\w\"])(heights?)(?![\w\"])")

@@ -36,7 +36,7 @@ class ScanSettings:
         Places at which the strength is changed to what a linear effect would want, and that are simulated again.
     starts : int
         Places to begin from at most.
-    alike : float
+    cosine : float
         Cosine of the angle between what two places do, refits apart, above which only the better is a start.
     reach : float
         Factor by which a strength is changed at most.
@@ -51,7 +51,7 @@ class ScanSettings:
     draws: int = 64
     promising: int = 16
     starts: int = 4
-    alike: float = 0.95
+    cosine: float = 0.95
     reach: float = 8.0
     least: float = 1e-3
     off: float = 1e-3
@@ -179,6 +179,6 @@ def _unlike(effect: FloatArray, ranked: Sequence[int], s: ScanSettings) -> list[
     chosen: list[int] = []
     for k in ranked:
         size = np.linalg.norm(effect[[k, *chosen]], axis=1)
-        if len(chosen) < s.starts and (effect[k] @ effect[chosen].T < s.alike * size[0] * size[1:]).all():
+        if len(chosen) < s.starts and (effect[k] @ effect[chosen].T < s.cosine * size[0] * size[1:]).all():
             chosen.append(k)
     return chosen
