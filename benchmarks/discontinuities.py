@@ -40,7 +40,7 @@ TOLERANCE, HIGHER = 1e-4, 0.5
 
 
 def log_posteriors(spec: Spec) -> tuple[str, float, float, float]:
-    """Of one data set: how far a sample and an optimisation from the truth lead above the first ones, nats; seconds."""
+    """How far a sample and an optimisation from the truth lead above the first ones, nats; seconds."""
     design = read_experiment(STUDY) if spec.design == "given" else None
     with tempfile.TemporaryDirectory() as folder:
         made = make(

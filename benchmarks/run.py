@@ -343,7 +343,7 @@ def recordings(n_samples: int = 1000, frequency: float = 1e3, volt: float = 20.0
 
 
 def measured_at() -> str:
-    """Of which commit a table is."""
+    """Return which commit a table is of."""
     asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
     commit = subprocess.run(asked, capture_output=True, text=True, check=False, cwd=ROOT).stdout.strip()
     return f"Measured at commit `{commit}`.\n"

@@ -120,7 +120,7 @@ def measure(one: Surprise, seed: int) -> dict[str, Any]:
 
 
 def summary(done: list[dict[str, Any]], least: float) -> str:
-    """Of the strengths that gain enough, how many are in the set and flagged."""
+    """Count the strengths that gain enough, and how many of them are in the set and flagged."""
     strong = [row for row in done if row["cause"] in STRONG and row["true_gain"] >= least]
     right = [row for row in strong if row["in_the_set"] and term(row["cause"]).strength.name in row["flagged"]]
     return f"strengths that gain {least:g} nats and more: in the set and flagged {len(right)} of {len(strong)}"

@@ -152,7 +152,7 @@ def left(
 
 
 def refits(words: argparse.Namespace, done: set[tuple[str, ...]]) -> Iterator[Refit]:
-    """Those that are not done yet."""
+    """Return what is not done yet."""
     experiment = conditions(words.every, words.traced)
     for (one, other), place in itertools.product(TIES, words.places):
         for truth, rival in ((one, other), (other, one)):

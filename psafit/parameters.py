@@ -314,7 +314,7 @@ class Belief:
 
 
 def leading_belief(beliefs: Iterable[Belief]) -> Belief | None:
-    """Of what is known of one cause, the belief that says how probable it is to be at work; None where none does.
+    """Return the belief that says how probable one cause is to be at work; None where none does.
 
     What is stated comes before what follows from the rig, and the greatest before others.
     """

@@ -433,7 +433,7 @@ def drifting(validation: Validation) -> bool:
 
 
 def trends(scores: Sequence[GroupScore]) -> list[GroupScore]:
-    """Those of some groups, each of one observable, whose errors drift.
+    """Return the scores, each of one group and observable, whose errors drift.
 
     Chance finds any among what was fitted in one case of a hundred, and any among what was not. Bonferroni's bound:
     each is judged at the level over the number of those that can be judged.

@@ -143,7 +143,7 @@ def prepare(folder: Path) -> None:
 
 
 def _add_known(rig: Path, folder: Path) -> None:
-    """The same rig with all that may be known of it: priors, limits, errors of readings, a group of another string."""
+    """Copy a rig and add all that may be known of it: priors, limits, errors of readings, a group of another string."""
     shutil.copytree(rig, folder)
     definition = (folder / "experiment.toml").read_text("utf-8") + "constants = { l = 0.06, m = 0.006 }\n"
     definition += '[prior.k_c]\nmedian = 4e6\nfactor = 1.5\nsource = "Hertz"\n'

@@ -23,7 +23,7 @@ def made(name: str, factor: float, *, role: str = "holdout", spread: float = 0.1
 
 
 def made_of(name: str, factor: float, groups: Sequence[Group], fitted: GroupId) -> Side:
-    """The same of given groups, of which one was fitted, each observable by itself."""
+    """Make a side of given groups, of which one was fitted, each observable by itself."""
     reported = [
         Predicted(g, "fit" if g.id == fitted else "holdout", factor * g.reading, 0.5 * g.reading, 2 * g.reading,
              np.full(g.n_points, -factor))

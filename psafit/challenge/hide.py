@@ -582,7 +582,7 @@ def read_off(design: Design, true: FloatArray, scatter: Scatter, rng: np.random.
 
 
 def _of(experiment: Experiment, there: NDArray[np.bool_]) -> Experiment:
-    """Those readings that there are."""
+    """Return the experiment with only those readings that there are."""
     ends = np.cumsum([g.n_points for g in experiment.groups])
     parts = zip(experiment.groups, np.split(there, ends[:-1]), strict=True)
     groups = tuple(g.at(np.flatnonzero(own)) for g, own in parts)

@@ -123,7 +123,7 @@ class Row:
 
     @property
     def noticed(self) -> bool:
-        """Of an outside effect: whether it is unexplained, or found where it acts."""
+        """Whether an outside effect is unexplained, or found where it acts."""
         return self.verdict == "unexplained" or (self.detected and self.located)
 
     @property

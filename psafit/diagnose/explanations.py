@@ -192,7 +192,7 @@ class Explanations:
         return cls(candidate, tuple(laws[k] for k in order), tuple(float(share[k]) for k in order), least)
 
     def worth_distinguishing(self, least: float) -> Explanations:
-        """Those that keep at least so much, and two in any case: the best has to stand against another."""
+        """Keep those with a share of `least` or more, and two in any case: the best has to stand against another."""
         n = max(sum(p >= least for p in self.probability), 2)
         return replace(self, laws=self.laws[:n], probability=self.probability[:n])
 

@@ -458,7 +458,7 @@ def _also(
     """The observable that distinguishes most pairs of a block, and these; None if none does any."""
 
     def apart(effects: Sequence[Effects]) -> dict[tuple[str, str], float]:
-        """By pair, the nats of the side that is harder to show."""
+        """Return, by pair, the nats of the side that is harder to show."""
         each = {
             (a, b): float(np.median([one.against([a], [b], settings) for one in effects]))
             for a, b in itertools.permutations(ids, 2)

@@ -68,7 +68,7 @@ class Possible:
         return not self.changed and not self.other
 
     def reading(self, measured: int, usual: int) -> Possible:
-        """The same measurement of another observable."""
+        """Return the measurement with another observable read."""
         o, design = OBSERVABLES[measured], replace(self.design, measured=np.full(self.design.n_points, measured))
         text = self.text if measured == usual else f"{self.text}, and read {o.titles}"
         return replace(self, text=text, design=design, other=measured != usual)
@@ -122,7 +122,7 @@ class _Span:
 
     @classmethod
     def of(cls, constants: Constants, groups: Sequence[Conditions], limits: Mapping[str, tuple[float, float]]) -> _Span:
-        """That of groups whose frequency can be chosen; the samples of a trace are one launch."""
+        """Return the span of groups whose frequency can be chosen; the samples of a trace are one launch."""
         every = Design.of(constants, [g if g.time_us is None else g.at(slice(0, 1)) for g in groups])
         low_f, high_f = limits.get("frequency_hz") or np.quantile(every.frequency, (0.02, 0.98)).tolist()
         # Round numbers, unless they are not allowed.

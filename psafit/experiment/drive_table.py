@@ -17,7 +17,7 @@ _HEADER = f"the first line must read {','.join(PERIOD)} (one period) or {','.joi
 LIMITS = {"phase": (0.0, 1.0), "level": (-1e3, 1e3), "time_us": (0.0, 1e12), "voltage_v": (-1e6, 1e6)}
 """Hard limits of each column, far beyond any rig."""
 SETTING_LIMITS = {"bias_v": (-1e5, 1e5), "idle_v": (-1e5, 1e5), "phase_deg": (-360.0, 360.0), "cycles": (1e-3, 1e9)}
-"""The same of a group's keys."""
+"""Hard limits of a group's keys."""
 
 
 def read_drive(file: Path, *, least_rows: int = 10, most_rows: int = 100_000, most_bytes: int = 2**24) -> Table:

@@ -32,7 +32,7 @@ _MEANT = {
 
 
 def near_names(wrong: str, known: Iterable[str], n: int = 2) -> list[str]:
-    """Those of known names that a name may stand for, at most `n`: what others call it, else how it is spelt."""
+    """Return known names that a name may stand for, at most `n`: what others call it, else how it is spelt."""
     names = list(known)
     folded = wrong.casefold()
     same = [name for name in names if name == _MEANT.get(folded) or name.casefold() == folded]

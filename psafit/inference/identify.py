@@ -258,7 +258,7 @@ def verdict_of_draws(
     points: int = 4001,
     least: float = 0.02,
 ) -> str:
-    """The same of what has no profile, from posterior over prior: what the readings say of this parameter alone.
+    """Say in a word what the readings say of a parameter without a profile, from its posterior over its prior.
 
     A side is closed where they make its end less probable, by as much as a profile must drop. Neither a bound at which
     the posterior piles up is a limit of theirs, nor what the prior alone holds back.

@@ -59,7 +59,7 @@ class StudentMixture:
 
     @property
     def error(self) -> float:
-        """Of the logarithm of what its density is normalised by: none."""
+        """Standard error of the logarithm of its normalisation: none."""
         return 0.0
 
     def draw(self, n: int, random: np.random.Generator) -> FloatArray:

@@ -40,7 +40,7 @@ from psafit.parameters import Parameter
 from psafit.simulate import Design
 
 PARAMETERS: tuple[Parameter, ...] = LAUNCH_RANGE.scatter
-"""Those of launch ranges; other observables have their own (`psafit.observables.Observable.scatter`)."""
+"""The scatter of launch ranges; other observables have their own (`psafit.observables.Observable.scatter`)."""
 
 
 def columns(noise: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -159,7 +159,7 @@ class Problem:
         return Design.of(self.experiment.constants, [self.experiment.group(g) for g in group_ids])
 
     def thinned(self, every: int) -> Self:
-        """The same of every so many-th reading; see `psafit.experiment.Experiment.thinned`."""
+        """Return the problem with every so many-th reading; see `psafit.experiment.Experiment.thinned`."""
         return replace(self, experiment=self.experiment.thinned(every))
 
     @cached_property

@@ -137,7 +137,7 @@ def _bytes(file: Path) -> bytes:
 
 
 def _digest(source: bytes, digits: int = 16) -> str:
-    """So many hexadecimal digits of the SHA-256: enough to distinguish two files."""
+    """Return the first `digits` hexadecimal digits of the SHA-256: enough to distinguish two files."""
     return hashlib.sha256(source).hexdigest()[:digits]
 
 

@@ -340,7 +340,7 @@ def _simulate(
     tolerance: float,
     forces: bool,
 ) -> Simulation:
-    """The same at points of one rig, and of one session where every session has its own."""
+    """Simulate sets at points of one rig, and of one session where every session has its own."""
     own, session = _own(terms, n_sessions), int(design.group[0]) if design.n_points else 0
     # Sets that differ only in what happens after the launch, or in another session, share their contact.
     after = np.zeros(sets.shape[1], bool)
