@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from psafit.diagnose.misfit import examine
 from psafit.experiment import Experiment, read_experiment
+from psafit.inference.candidate import fit
 from psafit.inference.problem import Problem
 from psafit.physics import TERMS, term, terms
 from psafit.physics.term import SLOTS
@@ -109,6 +111,15 @@ def test_data_sets_of_the_study_are_its_groups() -> None:
     whole = read_experiment(BENCHMARKS.parent / "experiments" / "psa")
     assert search_sets.get("study").experiment.fingerprint == whole.fingerprint
     assert search_sets.get("study-without-5").experiment.ids == (1, 2, 3, 4, 6)
+
+
+def test_readings_at_a_narrow_resonance_stand_out_together() -> None:
+    """Two sweeps meet it with one reading each; heavy tails take both up, and were once called adequate."""
+    experiment = search_sets.stored()["narrow_resonance"].experiment
+    baseline = fit(Problem(experiment, experiment.ids), (), seed=1, draws=256, most=6)
+    (found,) = examine(baseline, (), seed=1, n_simulated=99).coincidences
+    places = [(id, experiment.group(id).frequency_hz[k]) for id, k in found.readings]
+    assert places == [("sine10V", 2480.0), ("square12V", 2480.0)] and found.log_bias < -0.2
 
 
 def test_every_stored_data_set_has_a_maker_or_is_a_case() -> None:

@@ -217,6 +217,7 @@ def test_run_reads_back(finished: Run) -> None:
     assert stored["log_likelihood"]["launch_range_um"].shape[-1] == finished.problem.observed.size
 
 
+@pytest.mark.filterwarnings("ignore:Passing a dict")  # ArviZ' pictures, by matplotlib 3.11
 @pytest.mark.filterwarnings("ignore::UserWarning")  # ArviZ doubts so few draws
 def test_what_arviz_computes_runs_on_the_file(finished: Run) -> None:
     """LOO, LOO-PIT and the sensitivity to prior and likelihood; the groups are those of the same draws."""
@@ -228,6 +229,7 @@ def test_what_arviz_computes_runs_on_the_file(finished: Run) -> None:
     assert math.isfinite(az.loo(stored).elpd_loo)
     pit = az.loo_pit(stored, y="launch_range_um")
     assert pit.shape == (n,) and 0.2 < pit.mean() < 0.8
+    assert az.plot_ppc(stored, num_pp_samples=5, random_seed=1) is not None
     assert set(az.psens(stored, component="prior").data_vars) == set(problem.names)
     each = np.stack([stored["log_prior"][name].values for name in problem.names], axis=-1)
     u = problem.to_sampling(finished.draws.flat)
