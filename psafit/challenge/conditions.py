@@ -90,7 +90,7 @@ class ConditionSettings:
     voltage: tuple[float, float] = (0.5, 10.0)
     other_drives: float = 0.6
     waveforms: tuple[tuple[str, float], ...] = (
-        *((name, 2.0 if name == "sine" or 0.0 in form.span else 1.0) for name, form in WAVEFORMS.items()),
+        *((name, 2.0 if name == "sine" or form.unipolar else 1.0) for name, form in WAVEFORMS.items()),
         (TABLE, 1.0),
         ("recorded", 1.0),
     )

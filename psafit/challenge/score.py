@@ -20,7 +20,7 @@ from scipy.stats import beta, bootstrap
 from psafit.challenge.answer import DrawnDesign, Place
 from psafit.challenge.campaign import PRIOR, SEEN_NATS, Result
 from psafit.diagnose.trials import stands
-from psafit.drives import WAVEFORMS
+from psafit.drives import WAVEFORMS, Drive
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.text import fixed
 
@@ -542,7 +542,8 @@ def _kinds_of(design: DrawnDesign) -> set[str]:
     read = {name for names in design.observables.values() for name in names} - {LAUNCH_RANGE.name}
     found = {"traces" if o.traced else o.titles for o in OBSERVABLES if o.name in read}
     found |= {"recorded drives"} & {f"{name}s" for name in drives}
-    return found | {"drives from 0 V" for w in WAVEFORMS.values() if w.id.replace("_", " ") in drives and 0.0 in w.span}
+    unipolar = {Drive(w.id).label for w in WAVEFORMS.values() if w.unipolar}
+    return found | ({"drives from 0 V"} if drives & unipolar else set())
 
 
 def _table(pairs: Iterable[tuple[str, str]]) -> dict[str, dict[str, int]]:

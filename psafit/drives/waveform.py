@@ -84,6 +84,11 @@ class Waveform:
         return min(values), max(values)
 
     @property
+    def unipolar(self) -> bool:
+        """Whether it goes from nothing to one side."""
+        return 0.0 in self.span
+
+    @property
     def rows(self) -> FloatArray:
         """The pieces as the engines take them, (n_pieces, 5): begin, level, slope, swing, angle."""
         return np.array([[p.begin, p.level, p.slope, p.swing, p.angle] for p in self.pieces])

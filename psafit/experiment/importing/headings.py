@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from decimal import Decimal
-from functools import lru_cache
+from functools import cache, lru_cache
 
 from psafit.experiment.importing.numerals import NOTATIONS
 from psafit.experiment.importing.quantities import (
@@ -188,11 +188,9 @@ class Heading:
 
     def sounds(self, quantity: Quantity) -> bool:
         """Whether it has a word that is in the names of this quantity and of no other that is like it."""
-        others = [q for q in QUANTITIES if q.role not in ("trace", "error", "other") and q != quantity]
-        own = {word for name in quantity.names for word in name.split()}
-        own -= {word for q in others for name in q.names for word in name.split()}
         counts = quantity.column == "amplitude_v" and self.counts is not None
-        return (counts or not own.isdisjoint(self.name.split())) and self.of_tip == (quantity.part == "tip")
+        own = not _own_words(quantity).isdisjoint(self.name.split())
+        return (counts or own) and self.of_tip == (quantity.part == "tip")
 
     def _called(self, quantity: Quantity, said: Unit | None) -> bool:
         bare = quantity.bare(self.name)
@@ -203,6 +201,14 @@ class Heading:
         if quantity.role == "reading" and (again := _REPEATED.fullmatch(bare)):
             bare = again[1]
         return bare in quantity.names or self.name in quantity.names
+
+
+@cache
+def _own_words(quantity: Quantity) -> frozenset[str]:
+    """The words in the names of a quantity that are in those of no other that is like it."""
+    others = [q for q in QUANTITIES if q.role not in ("trace", "error", "other") and q != quantity]
+    taken = {word for q in others for name in q.names for word in name.split()}
+    return frozenset(word for name in quantity.names for word in name.split()) - taken
 
 
 @lru_cache(maxsize=4096)

@@ -542,6 +542,8 @@ def _no_reading(grid: Grid, head: Head, texts: Sequence[str]) -> tuple[str, str]
 
 def _conditions(head: Head, texts: Sequence[str]) -> list[str]:
     """The conditions of which a row consists, below headings of other units; empty where it holds something else."""
+    if not any(map(str.isalpha, "".join(texts))):  # no unit of a condition, as in almost all rows of a file
+        return []
     numbers = {place: next(filter(None, in_both(text)), None) for place, text in enumerate(texts) if text}
     said = {place: number.unit.kind for place, number in numbers.items() if number and number.unit}
     other = all(

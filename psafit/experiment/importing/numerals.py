@@ -93,6 +93,12 @@ def counts_rows(numbers: Sequence[int]) -> bool:
     return numbers[:1] in ([0], [1]) and count_on(numbers)
 
 
+def numbers(cells: Sequence[Cell]) -> list[Number | None]:
+    """What cells are in the notation in which most are numbers; None where one is none."""
+    found = ([notation.number(cell) for cell in cells] for notation in NOTATIONS.values())
+    return max(found, key=lambda each: sum(number is not None for number in each))
+
+
 def likeliest(cells: Sequence[Cell]) -> Notation:
     """The notation in which most cells are numbers."""
     return max(NOTATIONS.values(), key=lambda n: sum(n.number(cell) is not None for cell in cells))

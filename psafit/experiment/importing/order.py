@@ -13,7 +13,7 @@ from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.experiment.importing.chosen import READ, Column, role
 from psafit.experiment.importing.grid import Grid, Row
-from psafit.experiment.importing.numerals import likeliest
+from psafit.experiment.importing.numerals import numbers
 
 Parts = tuple[NDArray[np.bool_], NDArray[np.bool_]]
 """Rows in which one of two columns is larger, and those in which the other one is."""
@@ -51,9 +51,7 @@ def check_order(grid: Grid, columns: Sequence[Column], rows: Sequence[Row]) -> N
 def _sizes(rows: Sequence[Row], place: int) -> FloatArray:
     """The logarithms of the numbers in a column, whatever their signs; NaN where there is none, or 0."""
     cells = [row.cells[place] if place < len(row.cells) else "" for row in rows]
-    notation = likeliest(cells)
-    numbers = (notation.number(cell) for cell in cells)
-    sizes = np.array([abs(float(number.value)) if number else 0.0 for number in numbers])
+    sizes = np.array([abs(float(number.value)) if number else 0.0 for number in numbers(cells)])
     return np.log(sizes, where=(sizes > 0) & np.isfinite(sizes), out=np.full(sizes.shape, np.nan))
 
 

@@ -124,8 +124,8 @@ def _at_rest(grid: Grid, row: Row, drive: Drive, chosen: Chosen, settings: dict[
     """
     drive = options.drive_of(drive.waveform, settings)
     form, offset = WAVEFORMS.get(drive.waveform), next((c for c in chosen.of(BIAS) if not c.mapped), None)
-    if form and offset and drive.bias_v and 0.0 in form.span:
-        other = next(w.id for w in WAVEFORMS.values() if 0.0 not in w.span and form.id.endswith(w.id))
+    if form and offset and drive.bias_v and form.unipolar:
+        other = next(w.id for w in WAVEFORMS.values() if not w.unipolar and form.id.endswith(w.id))
         what = f"{form.id} goes from 0 V by itself, and column {offset.name} adds {drive.bias_v:g} V"
         say = "write" if chosen.of(WAVEFORM) else "say --waveform"
         remedy = f"{say} {other} if that raises a {other}, or say {option(offset.option, IGNORED)}"
