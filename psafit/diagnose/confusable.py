@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psafit.diagnose.screening import VISIBLE, extended
+from psafit.diagnose.screening import extended
 from psafit.inference.candidate import Candidate
+from psafit.model_search.visibility import VISIBLE
 from psafit.physics.term import Term
 from psafit.simulate.sensitivity import plausible
 

@@ -34,7 +34,7 @@ from psafit.diagnose.record import (
 from psafit.diagnose.residuals import numbered
 from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.room import Room, room
-from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
+from psafit.diagnose.screening import PRESENT, Screened
 from psafit.diagnose.verdict import Verdict
 from psafit.diagnose.words import NO_ACTION
 from psafit.experiment import GroupId
@@ -42,6 +42,7 @@ from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
 from psafit.model_search.model_set import ModelSet
+from psafit.model_search.visibility import VISIBLE
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, recorded_name
 from psafit.parameters import broadened
 from psafit.simulate.sensitivity import plausible

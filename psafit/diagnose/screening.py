@@ -37,9 +37,6 @@ from psafit.parameters import Parameter
 from psafit.physics.term import Term
 from psafit.simulate.sensitivity import plausible
 
-# Whitened size of a plausible effect, after the refit, below which a cause could not have been seen: power of one half
-# for a gain of two and a half standard deviations.
-VISIBLE = 2.5
 # Gain (nats) from which a cause counts as explaining part of the misfit alone, if luck does not gain as much: ln 20,
 # odds of twenty to one.
 PRESENT = 3.0

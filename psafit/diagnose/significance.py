@@ -12,7 +12,6 @@ fitted baseline instead.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -26,6 +25,7 @@ from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.memory import Memory, shared_out
 from psafit.model_search import ModelSet, SearchSettings
+from psafit.model_search.model_set import believed_anyway
 from psafit.physics.term import Term
 from psafit.records import plain, read_json
 
@@ -119,8 +119,10 @@ def lead(model_set: ModelSet) -> float:
 
     A cause that is more probable than not before any reading counts as even: what was believed anyway is no find.
     """
-    odds = {id: min(math.log(p) - math.log1p(-p), 0.0) for id, p in model_set.beliefs.items()}
-    log_posterior = {ids: value + sum(odds[id] for id in ids) for ids, value in model_set.log_evidence.items()}
+    log_posterior = {
+        ids: value + model_set.log_prior(ids) - believed_anyway(ids, model_set.beliefs)
+        for ids, value in model_set.log_evidence.items()
+    }
     return max(value for ids, value in log_posterior.items() if ids) - log_posterior[()]
 
 

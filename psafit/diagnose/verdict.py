@@ -11,7 +11,8 @@ r"""From the model set, the tests and the discrepancy to a verdict.
 * ``unexplained``: after the best extension structure remains, a discrepancy is more probable than any cause, or the
   only set that fits breaks a law or has implausible values.
 
-Probabilities are those of `psafit.model_search.model_set`: a set stands for its supersets that add nothing visible.
+Probabilities are those of `psafit.model_search.model_set`: a set stands for its supersets where
+these add nothing visible.
 """
 
 from __future__ import annotations
@@ -19,8 +20,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.misfit import Misfit
@@ -143,10 +142,8 @@ def _odds(model_set: ModelSet, left: Discrepancy, bare: Discrepancy, probability
     prior, best = probability / (1 - probability), model_set.best_model.ids
     if not best:
         return prior * math.exp(min(left.log_bayes, 700.0)), 0.0
-    log_posterior = {ids: value + model_set.log_prior(ids) for ids, value in model_set.log_evidence.items()}
-    # What adds nothing visible is counted with the best model, but the best model's prior is its own.
-    within = np.logaddexp.reduce([w for i, w in log_posterior.items() if set(best) <= set(i)])
-    own = model_set.probability[best] * math.exp(log_posterior[best] - within)
+    # Larger sets are counted with the best model where they do not show, but its prior is its own.
+    own = model_set.at_work[best]
     ratio = (
         bare.log_evidence - (left.log_evidence - left.log_bayes) + model_set.log_prior(()) - model_set.log_prior(best)
     )

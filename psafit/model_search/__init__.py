@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from functools import partial
 
 from psafit.errors import InputError
 from psafit.inference.candidate import Candidate
@@ -75,4 +76,4 @@ def search_models(
                 starts=[c.ids for c in starts], passes=lambda model: passes(model.content.candidate),
                 progress=progress,
             )  # fmt: skip
-    return rank(found, believed, settings)
+            return rank(found, believed, settings, partial(fitter.effects, found.models))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from itertools import chain
 from typing import Any
@@ -23,6 +23,7 @@ from psafit.inference.sample import SampleSettings, first, joined, second
 from psafit.inference.scan import widened
 from psafit.model_search.loop import Foreseen, Ids, Model
 from psafit.model_search.settings import SearchSettings
+from psafit.model_search.visibility import Effects, effects
 from psafit.physics.term import Term
 from psafit.workers import unordered
 
@@ -126,6 +127,11 @@ class ProblemFitter:
         off = found.laplace_apart - draws.log_evidence
         return Model(short.ids, draws.log_evidence, found.log_posterior, True, Fitted(found, draws, top), off, True)
 
+    def effects(self, models: Mapping[Ids, Known], wanted: Sequence[Ids]) -> dict[Ids, Effects]:
+        """Work out what the causes of some of the models do, over draws of their posteriors."""
+        tasks = [self._effects(models[ids], models) for ids in wanted]
+        return {ids: Effects(**found) for ids, found in zip(wanted, self._done(tasks), strict=True)}
+
     @cached_property
     def _starting(self) -> Iterator[None]:
         """Calls that end when the processes have started."""
@@ -189,6 +195,16 @@ class ProblemFitter:
         """The draws of a model that was looked at."""
         about = [*self._how, one.modes.tolist(), other.modes.tolist()]
         return self._task("sample", one.problem, about, _joined, one, other, self.settings, self.seed)
+
+    def _effects(self, model: Known, models: Mapping[Ids, Known]) -> Task:
+        own, draws, s = model.content.candidate, model.content.draws, self.settings
+        known = [models.get(tuple(other for other in own.ids if other != id)) for id in own.ids]
+        parts = [None if one is None else one.content.candidate for one in known]
+        about = [
+            self.seed, asdict(s.effects), own.modes.tolist(), None if draws is None else draws.top.tolist(),
+            [None if one is None else one.modes[0].tolist() for one in parts],
+        ]  # fmt: skip
+        return self._task("effects", own.problem, about, effects, own, draws, parts, self.seed, s.effects)
 
     @property
     def _how(self) -> list[object]:

@@ -5,17 +5,15 @@ and gives a reason for. Most are surprises: of all these together one or two are
 contact does not pull. Models that were fitted and not sampled are counted with what the fit says, so that a best model
 is not certain only because its rivals were not sampled.
 
-*What counts as a model.* Any truth has supersets whose further causes are too weak to be seen; nobody can
-refute them, and together they have as much probability as the truth itself. A superset whose evidence is not better by
-three nats is therefore counted with the set it is added to: a probability printed for {a, b} is that of "a and b are
-at work, and nothing else that these readings show".
+*What counts as a model.* A probability printed for {a, b} is that of "a and b are at work, and nothing else that these
+readings show". What shows is asked of each draw of a model's posterior (`psafit.model_search.visibility`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import logsumexp
@@ -26,6 +24,7 @@ from psafit.inference.evidence import ImportanceSample, importance_sample
 from psafit.model_search.fitter import Fitted
 from psafit.model_search.loop import Ids, Searched
 from psafit.model_search.settings import SearchSettings
+from psafit.model_search.visibility import Effective, shown
 from psafit.physics.term import Term
 
 CREDIBLE = 0.95
@@ -55,7 +54,7 @@ class LookedAt:
     estimated : int
         Those of them of which the evidence is a short fit's estimate; the others were sampled.
     mass_not_looked_at : float
-        Share of the probability that these estimates add up to. (A set that does not show is counted with its part.)
+        Share of the probability that these estimates add up to. (A set whose cause does not show counts as its part.)
     neighbours : bool
         Whether all sets with a cause more, less or exchanged were fitted of every set that shows within the window; of
         other sets than the best otherwise those that might come near.
@@ -80,9 +79,10 @@ class ModelSet:
     Parameters
     ----------
     candidates : tuple of Candidate
-        Every model fitted, most probable first.
+        Every model fitted, most probable first, where a cause that was believed anyway counts as even odds.
     probability : dict
-        Of each set of causes fitted, by identifiers, if the search has missed none; they sum to one.
+        Of each set of causes fitted to be at work visibly, and no other, by identifiers, if the search has missed none;
+        they sum to one.
     log_evidence : dict
     samples : dict
         Posterior draws and evidence of the models that were sampled; the others have Laplace's.
@@ -91,9 +91,11 @@ class ModelSet:
     missed : float
         Chance that the search has missed the set that would lead.
     visible : float, nats
-        Evidence that a larger set must add to count by itself.
+        Evidence that a larger set must add for the search to take it for one of its own.
     neighbours : bool
         As of `LookedAt`.
+    at_work : dict
+        Probability of each set to be at work, whether it shows or not.
     """
 
     candidates: tuple[Candidate, ...]
@@ -104,6 +106,7 @@ class ModelSet:
     missed: float = 0.0
     visible: float = SearchSettings.visible
     neighbours: bool = False
+    at_work: Mapping[Ids, float] = field(default_factory=dict)
 
     def of(self, ids: Ids) -> Candidate:
         """The candidate with these causes."""
@@ -116,7 +119,7 @@ class ModelSet:
 
     @property
     def best_model(self) -> Candidate:
-        """The most probable model."""
+        """The most probable model, if no cause is believed before any reading."""
         return self.candidates[0]
 
     @property
@@ -182,14 +185,16 @@ class ModelSet:
     def counted_with(self, named: Ids) -> tuple[Ids, ...]:
         """Sampled sets that hold the named one and more, and that the readings favour over it, by less than is visible.
 
-        By more than the standard error; those that keep 5 % next to the named one alone, most probable first.
+        By more than the standard error; those that keep 5 % next to the named one alone, most probable first. What is
+        reported with a named set for its own probability is not among them.
         """
         own, least = self.log_evidence[named], (1 - CREDIBLE) / CREDIBLE
+        reported = self.needed(named) if named else ()
         odds = {
             ids: self.odds(ids, named)
             for ids, draws in self.samples.items()
             if set(ids) > set(named)
-            and not self.probability[ids]
+            and ids not in reported
             and draws.standard_error < self.log_evidence[ids] - own < self.visible
         }
         return tuple(sorted((ids for ids in odds if odds[ids] >= least), key=lambda ids: -odds[ids]))
@@ -216,12 +221,33 @@ def log_prior(ids: Ids, beliefs: Mapping[str, float]) -> float:
     return sum(math.log(p) if id in ids else math.log1p(-p) for id, p in beliefs.items())
 
 
-def rank(
-    searched: Searched[Fitted], beliefs: Mapping[str, float], settings: SearchSettings, *, shakes: int = 400
-) -> ModelSet:
-    """Posterior probabilities of the models, what adds nothing visible counted with what it is added to.
+def believed_anyway(ids: Ids, beliefs: Mapping[str, float]) -> float:
+    """Log odds by which some causes of a set are more probable than not before any reading: no find of the readings."""
+    return sum(max(math.log(beliefs[id]) - math.log1p(-beliefs[id]), 0.0) for id in ids)
 
-    Evidences are known with an error: probabilities are averaged over so many `shakes` by it.
+
+def rank(
+    searched: Searched[Fitted],
+    beliefs: Mapping[str, float],
+    settings: SearchSettings,
+    effects: Effective = lambda wanted: {},
+    *,
+    shakes: int = 400,
+    negligible: float = 1e-3,
+) -> ModelSet:
+    """Posterior probabilities of the models; where a cause does not show, they count as the models without it.
+
+    Parameters
+    ----------
+    searched : Searched
+    beliefs : mapping
+    settings : SearchSettings
+    effects : callable
+        Works out what the causes of some of the sets do; without it all of them show.
+    shakes : int
+        Evidences are known with an error: probabilities are averaged over so many draws of it.
+    negligible : float
+        Sets that have no more than this together are taken as they are.
     """
     value = {ids: searched.models[ids].log_evidence for ids in sorted(searched.models, key=sorted)}
     samples = {ids: m.content.draws for ids, m in searched.models.items() if m.content.draws is not None}
@@ -229,13 +255,14 @@ def rank(
     error = np.array([samples[ids].standard_error if ids in samples else settings.doubt for ids in mass])
     shaken = np.array(list(mass.values())) + error * np.random.default_rng(0).standard_normal((shakes, len(mass)))
     chances = np.exp(shaken - logsumexp(shaken, axis=1, keepdims=True)).mean(axis=0)
-    share = dict(zip(mass, chances.tolist(), strict=True))
-    for ids in sorted(share, key=len, reverse=True):
-        within = [i for i in value if set(i) < set(ids) and value[ids] < value[i] + settings.visible]
-        if within:
-            share[max(within, key=lambda i: mass[i])] += share[ids]
-            share[ids] = 0.0
-    order = sorted(mass, key=lambda ids: (-share[ids], -mass[ids]))
+    at_work = dict(zip(mass, chances.tolist(), strict=True))
+    rising = sorted(at_work, key=lambda ids: at_work[ids])
+    together = np.cumsum([at_work[ids] for ids in rising])
+    share = shown(
+        at_work, mass, effects([ids for ids, p in zip(rising, together, strict=True) if ids and p > negligible])
+    )
+    found = {ids: share[ids] * math.exp(-believed_anyway(ids, beliefs)) for ids in share}
+    order = sorted(mass, key=lambda ids: (-found[ids], -mass[ids]))
     return ModelSet(
         candidates=tuple(searched.models[ids].content.candidate for ids in order),
         probability={ids: share[ids] for ids in order},
@@ -245,4 +272,5 @@ def rank(
         missed=settings.missed,
         visible=settings.visible,
         neighbours=searched.whole,
+        at_work=at_work,
     )

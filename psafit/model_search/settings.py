@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from psafit.inference.evidence import RoundSettings
 from psafit.inference.sample import SampleSettings
 
 
@@ -23,8 +24,8 @@ class SearchSettings(SampleSettings):
     short_by : float, nats
         What a short fit may be below a model's true evidence: until it was sampled, a model counts as so much better.
     visible : float, nats
-        Evidence by which a model must exceed every part of itself to show, that is to count as a model of its own (20
-        to 1); one that was not sampled may fall short of it by two standard errors.
+        Evidence by which a model must exceed every part of itself for the search to go on from it (20 to 1); one that
+        was not sampled may fall short of it by two standard errors.
     detour : int
         Causes that a set may have more than the best, on a way up without one of those that the best has. Such ways are
         gone where the best has more than `from_prior`.
@@ -45,6 +46,8 @@ class SearchSettings(SampleSettings):
         Error of a simulator's step in a model that is sampled. Ranges are then good to a millionth (docs/numerics.md).
     doubt : float, nats
         Standard error of the evidence by a short fit.
+    effects : RoundSettings
+        Of draws of a model's posterior that are asked which of its causes show.
     missed : float
         Chance that a search never fits the set that would lead. It is a part of every probability that is printed. As
         measured for sets of one or two causes (docs/search-yardstick.md): k of n data sets missed by more than a nat
@@ -65,4 +68,5 @@ class SearchSettings(SampleSettings):
     short_tolerance: float = 1e-3
     tolerance: float = 1e-4
     doubt: float = 1.0
+    effects: RoundSettings = field(default_factory=lambda: RoundSettings(draws=32, least=1, effective=8.0, most=4))
     missed: float = 0.03

@@ -15,11 +15,12 @@ from psafit.diagnose.misfit import examine
 from psafit.diagnose.record import NEAREST, NEXT_BEST, NOT_EXCLUDED, UNSEEN
 from psafit.diagnose.results import cause_result, counted_of, misfit_of, screening_of, word_for
 from psafit.diagnose.room import Room
-from psafit.diagnose.screening import VISIBLE, screen
+from psafit.diagnose.screening import screen
 from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.experiment import Group
 from psafit.inference.sample import sample
 from psafit.model_search import search_models
+from psafit.model_search.visibility import VISIBLE
 from psafit.observables import LAUNCH_RANGE, LAUNCH_SPEED, OBSERVABLES
 from psafit.parameters import Belief, Normal
 from psafit.physics import terms

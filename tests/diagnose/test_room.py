@@ -6,8 +6,8 @@ import numpy as np
 from truths import FEW, TRUTH, experiment, problem
 
 from psafit.diagnose.room import room
-from psafit.diagnose.screening import VISIBLE
 from psafit.model_search import ModelSet, search_models
+from psafit.model_search.visibility import VISIBLE
 from psafit.physics import terms
 from psafit.simulate import MICRO, Design, simulate
 

@@ -10,7 +10,6 @@ from truths import FEW, experiment, problem
 
 from psafit.diagnose.screening import (
     PRESENT,
-    VISIBLE,
     ScreenSettings,
     gains_by_luck,
     screen,
@@ -19,6 +18,7 @@ from psafit.diagnose.screening import (
 )
 from psafit.inference.candidate import candidate_of, fit
 from psafit.inference.optimiser import maximise
+from psafit.model_search.visibility import VISIBLE
 from psafit.physics import terms
 
 

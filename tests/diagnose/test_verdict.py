@@ -80,19 +80,16 @@ def test_verdicts(hidden, sound):
     assert all(unsure[ids] == pytest.approx(0.9 * p) for ids, p in sure.items()) and sum(sure.values()) > 0
     # So does what has no name in their place: a set of causes is no likelier for being a set of causes.
     none = replace(left, log_bayes=-50.0, log_evidence=left.log_evidence - left.log_bayes - 50.0)
-    # (What adds nothing visible is counted with the best model, but has no part in the best model's prior.)
-    log_weight = {ids: value + hidden.log_prior(ids) for ids, value in hidden.log_evidence.items()}
-    counted = sum(np.exp(w - log_weight[best_model.ids]) for ids, w in log_weight.items() if "amplifier_lag" in ids)
-    own = hidden.probability[best_model.ids] / counted
+    # (What does not show is counted with the best model, but has no part in the best model's prior.)
+    own = hidden.at_work[best_model.ids]
     odds = own * np.exp(hidden.log_prior(()) - hidden.log_prior(best_model.ids)) / 9
     as_good = replace(bare, log_evidence=none.log_evidence + 50.0)
     assert conclude(hidden, before, after, none, as_good).unnamed == pytest.approx(odds / (1 + odds))
     better = conclude(hidden, before, after, none, replace(as_good, log_evidence=as_good.log_evidence + 10))
     assert (better.verdict, better.unexplained_by) == ("unexplained", "smooth")
-    # That part vanishes where a larger set with hardly any probability has far more evidence than the best.
-    larger = next(ids for ids in hidden.log_evidence if set(best_model.ids) < set(ids))
-    far = hidden.log_evidence | {larger: hidden.log_evidence[best_model.ids] + 1e4}
-    assert conclude(replace(hidden, log_evidence=far), before, after, none, as_good).unnamed < 1e-9
+    # That part vanishes where larger sets, which do not show, have almost all that is counted with the best.
+    small = dict(hidden.at_work) | {best_model.ids: 1e-12}
+    assert conclude(replace(hidden, at_work=small), before, after, none, as_good).unnamed < 1e-9
     # A set that fits breaks no law, and none of its values is implausible, or it explains nothing.
     odd = conclude(hidden, before, after, none, hopeless, strange=["amplifier_lag_tau"])
     assert (odd.verdict, odd.unexplained_by, odd.named) == ("unexplained", "values", ("amplifier_lag",))

@@ -1,0 +1,90 @@
+"""Whether a cause shows."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from psafit.inference.evidence import RoundSettings
+from psafit.model_search import ModelSet, SearchSettings
+from psafit.model_search.loop import Ids
+from psafit.model_search.visibility import VISIBLE, Effects, effects, shown
+
+LAG = ("amplifier_lag",)
+
+
+def found(model_set: ModelSet, ids: Ids, rounds: RoundSettings | None = None) -> Effects:
+    """Effects in one of the sets that were fitted."""
+    parts = [model_set.of(tuple(i for i in ids if i != id)) for id in ids]
+    own, draws = model_set.of(ids), model_set.samples.get(ids)
+    return Effects(**effects(own.problem, own, draws, parts, 1, rounds or SearchSettings().effects))
+
+
+def test_an_effect_is_what_least_squares_leave_of_it(hidden: ModelSet) -> None:
+    draws, own, plain = hidden.samples[LAG], hidden.of(LAG), hidden.baseline
+    change = (own.problem.predict(draws.resampled(32)) - plain.predicted) / plain.scatter
+    columns = (plain.slope / plain.scatter).T
+    left = change.T - columns @ np.linalg.lstsq(columns, change.T, rcond=None)[0]
+    assert found(hidden, LAG).size[:, 0] == pytest.approx(np.linalg.norm(left, axis=0), rel=1e-6)
+
+
+def test_the_size_of_an_effect_goes_with_the_gain(hidden: ModelSet) -> None:
+    """Half its square is what a cause is worth on average, so much more or less as the readings scatter."""
+    size = found(hidden, LAG).size[:, 0]
+    assert size.min() > VISIBLE
+    assert np.sqrt(2 * hidden.gain(LAG)) == pytest.approx(np.median(size), rel=0.3)
+
+
+def test_a_further_cause_hardly_shows_where_only_one_is_at_work(hidden: ModelSet) -> None:
+    both = next(ids for ids in hidden.at_work if len(ids) == 2 and {*LAG, "reading_offset"} == {*ids})
+    seen = found(hidden, both)
+    share = dict(zip(both, seen.weights @ (seen.size > VISIBLE), strict=True))
+    assert share["amplifier_lag"] > 0.99 and share["reading_offset"] < 0.2
+    assert seen.weights.sum() == pytest.approx(1)
+
+
+def test_what_shows_does_not_hang_on_how_many_draws_are_taken(hidden: ModelSet) -> None:
+    few, many = (found(hidden, LAG, RoundSettings(draws=n, least=1, most=4, effective=n / 4)) for n in (32, 256))
+    assert np.median(few.size) == pytest.approx(np.median(many.size), rel=0.1)
+
+
+def test_probabilities_move_to_parts_down_to_nothing() -> None:
+    """As a literal count of draws does it, one by one."""
+    rng = np.random.default_rng(3)
+    sets = [ids for k in range(4) for ids in itertools.combinations("abc", k)]
+    for _ in range(30):
+        raw = rng.dirichlet(np.ones(len(sets)))
+        share = dict(zip(sets, raw.tolist(), strict=True))
+        mass = {ids: float(np.log(p)) for ids, p in share.items()}
+        seen = {
+            ids: Effects(rng.dirichlet(np.ones(5)), rng.uniform(0, 2 * VISIBLE, (5, len(ids))))
+            for ids in sets
+            if ids and rng.uniform() < 0.8
+        }
+        end = dict(share)
+        for ids in (
+            *itertools.combinations("abc", 3),
+            *itertools.combinations("abc", 2),
+            *itertools.combinations("abc", 1),
+        ):
+            if ids not in seen:
+                continue
+            before = end[ids]
+            for weight, sizes in zip(seen[ids].weights, seen[ids].size, strict=True):
+                parts = [
+                    tuple(i for i in ids if i != id) for id, size in zip(ids, sizes, strict=True) if size < VISIBLE
+                ]
+                if parts:
+                    end[max(parts, key=lambda part: mass[part])] += before * weight
+                    end[ids] -= before * weight
+        after = shown(share, mass, seen)
+        assert sum(after.values()) == pytest.approx(1) and min(after.values()) >= 0
+        assert after == {ids: pytest.approx(p, abs=1e-12) for ids, p in end.items()}
+
+
+def test_a_cause_shows_where_the_model_without_it_was_not_fitted(hidden: ModelSet) -> None:
+    own = hidden.of(LAG)
+    seen = effects(own.problem, own, None, [None], 1, SearchSettings().effects)
+    assert np.isinf(seen["size"]).all()
