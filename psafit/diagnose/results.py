@@ -75,7 +75,7 @@ def _parameters(model_set: ModelSet, candidate: Candidate) -> dict[str, Paramete
 
 
 def counted_of(model_set: ModelSet, adopted: Candidate) -> list[Counted]:
-    """Larger sets that are counted with what is adopted, and what they would change of it."""
+    """Larger sets for which the readings speak by too little to show, and what they would change of it."""
     own, found = _parameters(model_set, adopted), []
     physical = adopted.problem.names[: adopted.problem.n_physical]
     for ids in model_set.counted_with(adopted.ids):

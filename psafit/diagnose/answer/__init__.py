@@ -189,7 +189,7 @@ def _sized(causes: list[CauseResult]) -> dict[str, ParameterResult]:
 
 
 def _too_weak(d: Diagnosis) -> Iterator[Statement]:
-    """Larger sets that are counted with what is adopted: given a model that is wrong they say nothing."""
+    """Larger sets for which the readings speak by little: given a model that is wrong they say nothing."""
     if d.best_model and d.verdict != "unexplained":
         yield from (TooWeak(d.named, counted, d.best_model.parameters) for counted in d.counted)
 

@@ -183,7 +183,8 @@ class Diagnosis(Brief):
         Why what is named does not explain the readings: structure remains, a smooth curve in its place is more
         probable, it breaks a law, or it has implausible values. An ambiguous verdict has one of the last two, too.
     counted : list of Counted
-        Larger sets that are counted with what is named, or with the baseline of an adequate verdict.
+        Larger sets than what is named, or than the baseline of an adequate verdict, for which the readings speak by
+        too little to go on from.
     calibration : Calibration, optional
         How often such a verdict is right at these conditions, where that was asked for.
     influence : Influence, optional

@@ -83,8 +83,8 @@ class CauseResult(Brief):
     terms : list of str
         Its causes; empty for the baseline.
     probability : float
-        Posterior probability that these causes are at work and no other that can be seen: larger sets whose evidence
-        is not better by three nats are counted with it.
+        Posterior probability that these causes are at work and no other that shows: see
+        `psafit.model_search.visibility`.
     parameters : dict of str to ParameterResult
     evidence : Evidence
     implausible : list of str
@@ -108,7 +108,7 @@ class CauseResult(Brief):
 
 @dataclass(frozen=True)
 class Counted:
-    """A larger set that is counted with the adopted one: the readings speak for it, by too little to show.
+    """A set with more causes than the adopted one: the readings speak for it, by less than three nats.
 
     Parameters
     ----------

@@ -271,7 +271,7 @@ def screening_pictures(
             "Inclusion probability of each cause over all models: above one half for"
             f" {', '.join(present) if present else 'none'}.",
             "Summed over all models that contain the cause. A cause may gain much alone and yet not be needed with"
-            " another one; one whose evidence is less than 3 nats counts with the model without it. A dash: not"
+            " another one. Where it does not show, its model counts as the model without it. Little, or a dash: not"
             " needed, or not to be seen; these readings do not say whether it is at work.",
         ),
     ]
