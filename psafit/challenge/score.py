@@ -31,8 +31,8 @@ SEEN_EACH_NATS = 10.0
 SHOWING_NATS = 3.6
 """An oracle gain (log likelihood) below which no prior of the catalogue's kinds gives a cause the evidence of one.
 
-Which is `psafit.model_search.SearchSettings.visible`: a search goes on from what has more. At its best width a log-normal prior gives that to a gain of 3.6 nats, a half normal one to 3.8, a normal one to
-4.6.
+Which is `psafit.model_search.SearchSettings.visible`: a search goes on from what has more. At its best width a
+log-normal prior gives that to a gain of 3.6 nats, a half normal one to 3.8, a normal one to 4.6.
 """
 GAIN_EDGES = (0.0, 5.0, 10.0, 25.0, 50.0, 100.0, math.inf)
 PROBABILITY_EDGES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
