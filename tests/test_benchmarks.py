@@ -38,6 +38,7 @@ yardstick, search_sets, estimates, null_leads, cases, peers, work_precision, tie
         "surprises",
     ),
 )
+fit_pages = import_module("fit_pages")
 
 
 def record(id: str = "one", **changes: Any) -> dict[str, Any]:
@@ -353,3 +354,22 @@ def test_the_table_of_speeds_says_what_reaches_the_error() -> None:
     assert text in once and "old" not in once and once.endswith("rest\n") and work_precision.publish(text, once) == once
     with pytest.raises(ValueError, match="no <!-- make bench"):
         work_precision.publish(text, "# Speed\n")
+
+
+def test_a_green_page_with_values_that_are_off_is_counted() -> None:
+    """Pages that predict and say nothing else; those that warn are counted apart."""
+
+    def page(outside: list[str], predicts: str = "yes", caution: str = "") -> dict[str, Any]:
+        return {"predicts": predicts, "caution": caution, "outside": outside}
+
+    done = [
+        page([]),
+        page(["k_c"]),
+        page(["k_c", "c_s"]),
+        page(["k_c"], "too sure", "its band"),
+        page([], "yes", "drift"),
+    ]
+    said = fit_pages.summary(done)
+    assert said[0] == "pages of 5 rigs with a hidden cause: 3 green"
+    assert [row.partition(": ")[2].partition(" (")[0] for row in said[1:4]] == ["2 of 5", "1 of 5", "0 of 5"]
+    assert said[4] == "not green, and one or more outside: 1 of 2"
