@@ -395,9 +395,15 @@ def run_python(block: Block, page: Path, names: dict[str, object], capsys: pytes
 
 
 def run_toml(block: Block, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An experiment.toml, next to files with the columns that its comments name; or more of the one before."""
+    """An experiment.toml, next to files with the columns that its comments name; or more of the one before.
+
+    A page that shows a part of one alone adds it to that of docs/own-rig.md.
+    """
     folder.mkdir(exist_ok=True)
     if "[constants]" not in block.text:
+        if not (folder / "experiment.toml").exists():
+            whole = blocks((DOCS / "own-rig.md").read_text("utf-8"))
+            run_toml(next(b for b in whole if b.language == "toml"), folder, monkeypatch)
         before = (folder / "experiment.toml").read_text("utf-8")
         (folder / "experiment.toml").write_text(before + block.text, encoding="utf-8")
         call(["check", str(folder)], monkeypatch)
