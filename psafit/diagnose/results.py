@@ -54,7 +54,8 @@ def causes_of(model_set: ModelSet, verdict: Verdict, most: int = 12, least: floa
 
     Best model, alternatives and baseline are there in any case.
     """
-    shown = [c for c in model_set.candidates if model_set.probability[c.ids] >= least][:most]
+    likely = sorted(model_set.candidates, key=lambda c: -model_set.probability[c.ids])
+    shown = [c for c in likely if model_set.probability[c.ids] >= least][:most]
     tied = [c for c in model_set.candidates if c.ids in verdict.alternatives]
     for always in (model_set.best_model, model_set.baseline, *tied):
         if always not in shown:
@@ -169,7 +170,7 @@ def word_for(found: Screened, model_set: ModelSet, verdict: Verdict, left: Room 
     Not present is what would have been seen, and has less `left` to it than what would be; a verdict that explains
     nothing says it of no cause.
     """
-    if verdict.named and verdict.inclusion.get(found.term.id, 0.0) > 0.5:
+    if found.term.id in verdict.named and verdict.inclusion.get(found.term.id, 0.0) > 0.5:
         return "present" if verdict.verdict != "unexplained" else NEAREST
     if any(found.term.id in ids for ids in verdict.alternatives):
         return "as good" if verdict.verdict != "unexplained" else NEXT_BEST

@@ -1,7 +1,7 @@
 r"""From the model set, the tests and the discrepancy to a verdict.
 
 * ``adequate``: the tests find nothing, without heavy tails (`psafit.diagnose.misfit.Misfit.sound`), and the baseline
-  keeps at least 5 % of what the catalogue's sets have together.
+  keeps at least 5 % of what the catalogue's sets have together, or leads where what is believed anyway is no find.
 * ``explained``: one set of causes has 95 % of what the catalogue's sets have together, its fit is as sound as that of
   an adequate baseline must be and breaks no law that holds whatever the causes are (`psafit.inference.laws`), and none
   of its values is implausible, the scatter's aside. That no other set does as well is said only where those that were
@@ -109,9 +109,9 @@ def conclude(
         for id in ids:
             inclusion[id] = inclusion.get(id, 0.0) + p
     nothing, mostly_unnamed = model_set.probability[()], unnamed > 0.5
-    if before.sound and nothing >= 1 - CREDIBLE and not mostly_unnamed:
-        return Verdict("adequate", (), (), probability, unnamed, inclusion)
     best = model_set.best_model.ids
+    if before.sound and not mostly_unnamed and (nothing >= 1 - CREDIBLE or not best):
+        return Verdict("adequate", (), (), probability, unnamed, inclusion)
     if not best:  # something is wrong, and no cause helps
         return Verdict("unexplained", (), (), probability, unnamed, inclusion)
     alternatives, named = model_set.rivals(best), _best_first(best, model_set)

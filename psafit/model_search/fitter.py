@@ -201,8 +201,8 @@ class ProblemFitter:
         known = [models.get(tuple(other for other in own.ids if other != id)) for id in own.ids]
         parts = [None if one is None else one.content.candidate for one in known]
         about = [
-            self.seed, asdict(s.effects), own.modes.tolist(), None if draws is None else draws.top.tolist(),
-            [None if one is None else one.modes[0].tolist() for one in parts],
+            *self._how, asdict(s.effects), own.modes.tolist(), None if draws is None else draws.top.tolist(),
+            [None if one is None else [one.problem.tolerance, one.modes[0].tolist()] for one in parts],
         ]  # fmt: skip
         return self._task("effects", own.problem, about, effects, own, draws, parts, self.seed, s.effects)
 

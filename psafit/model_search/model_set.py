@@ -24,7 +24,7 @@ from psafit.inference.evidence import ImportanceSample, importance_sample
 from psafit.model_search.fitter import Fitted
 from psafit.model_search.loop import Ids, Searched
 from psafit.model_search.settings import SearchSettings
-from psafit.model_search.visibility import Effective, shown
+from psafit.model_search.visibility import Effective, Effects, shown
 from psafit.physics.term import Term
 
 CREDIBLE = 0.95
@@ -79,10 +79,10 @@ class ModelSet:
     Parameters
     ----------
     candidates : tuple of Candidate
-        Every model fitted, most probable first, where a cause that was believed anyway counts as even odds.
+        Every model fitted, most probable first, after the best.
     probability : dict
-        Of each set of causes fitted to be at work visibly, and no other, by identifiers, if the search has missed none;
-        they sum to one.
+        Of each fitted set of causes, by identifiers: that it is at work visibly, and nothing else, if the search has
+        missed no set. They sum to one.
     log_evidence : dict
     samples : dict
         Posterior draws and evidence of the models that were sampled; the others have Laplace's.
@@ -106,7 +106,7 @@ class ModelSet:
     missed: float = 0.0
     visible: float = SearchSettings.visible
     neighbours: bool = False
-    at_work: Mapping[Ids, float] = field(default_factory=dict)
+    at_work: Mapping[Ids, float] = field(kw_only=True)
 
     def of(self, ids: Ids) -> Candidate:
         """The candidate with these causes."""
@@ -119,7 +119,7 @@ class ModelSet:
 
     @property
     def best_model(self) -> Candidate:
-        """The most probable model, if no cause is believed before any reading."""
+        """The sampled model that leads where causes that are believed before any reading count as even odds."""
         return self.candidates[0]
 
     @property
@@ -186,10 +186,11 @@ class ModelSet:
         """Sampled sets that hold the named one and more, and that the readings favour over it, by less than is visible.
 
         By more than the standard error; those that keep 5 % next to the named one alone, most probable first. What is
-        reported with a named set for its own probability is not among them.
+        reported for its own probability is not among them.
         """
         own, least = self.log_evidence[named], (1 - CREDIBLE) / CREDIBLE
-        reported = self.needed(named) if named else ()
+        likely = [ids for ids, p in self.probability.items() if p >= 1 - CREDIBLE]
+        reported = self.needed(named) if named else likely
         odds = {
             ids: self.odds(ids, named)
             for ids, draws in self.samples.items()
@@ -233,7 +234,6 @@ def rank(
     effects: Effective = lambda wanted: {},
     *,
     shakes: int = 400,
-    negligible: float = 1e-3,
 ) -> ModelSet:
     """Posterior probabilities of the models; where a cause does not show, they count as the models without it.
 
@@ -246,8 +246,6 @@ def rank(
         Works out what the causes of some of the sets do; without it all of them show.
     shakes : int
         Evidences are known with an error: probabilities are averaged over so many draws of it.
-    negligible : float
-        Sets that have no more than this together are taken as they are.
     """
     value = {ids: searched.models[ids].log_evidence for ids in sorted(searched.models, key=sorted)}
     samples = {ids: m.content.draws for ids, m in searched.models.items() if m.content.draws is not None}
@@ -256,13 +254,18 @@ def rank(
     shaken = np.array(list(mass.values())) + error * np.random.default_rng(0).standard_normal((shakes, len(mass)))
     chances = np.exp(shaken - logsumexp(shaken, axis=1, keepdims=True)).mean(axis=0)
     at_work = dict(zip(mass, chances.tolist(), strict=True))
-    rising = sorted(at_work, key=lambda ids: at_work[ids])
-    together = np.cumsum([at_work[ids] for ids in rising])
-    share = shown(
-        at_work, mass, effects([ids for ids, p in zip(rising, together, strict=True) if ids and p > negligible])
-    )
-    found = {ids: share[ids] * math.exp(-believed_anyway(ids, beliefs)) for ids in share}
-    order = sorted(mass, key=lambda ids: (-found[ids], -mass[ids]))
+    seen: dict[Ids, Effects] = {}
+
+    def asked(wanted: Sequence[Ids]) -> dict[Ids, Effects]:
+        seen.update(effects([ids for ids in wanted if ids not in seen]))
+        return {ids: seen[ids] for ids in wanted if ids in seen}
+
+    share = shown(at_work, mass, asked)
+    anyway = {ids: believed_anyway(ids, beliefs) for ids in mass}
+    even = {ids: p * math.exp(-anyway[ids]) for ids, p in at_work.items()}
+    found = shown(even, {ids: m - anyway[ids] for ids, m in mass.items()}, asked)
+    best = max(samples, key=lambda ids: (found[ids], mass[ids]))
+    order = sorted(mass, key=lambda ids: (ids != best, -share[ids], -mass[ids]))
     return ModelSet(
         candidates=tuple(searched.models[ids].content.candidate for ids in order),
         probability={ids: share[ids] for ids in order},

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psafit.arrays import FloatArray
+from psafit.errors import ConvergenceError
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample, RoundSettings, laplace_mixture, simulated_in_rounds
 from psafit.inference.memory import Arrays
@@ -35,8 +36,8 @@ class Effects:
     weights : (n,) array
         Of the draws, normalised.
     size : (n, n_causes) array
-        Of each cause's effect next to the model without it, refitted, in standard deviations of the scatter; infinite
-        where that model was not fitted.
+        Of each cause's effect next to the best of the model without it, less what a refit of the other parameters takes
+        up, in standard deviations of the scatter; infinite where that model was not fitted.
     """
 
     weights: FloatArray
@@ -63,34 +64,48 @@ def effects(
     candidate : Candidate
         The model.
     draws : ImportanceSample, optional
-        Of its posterior. Without them it is drawn from Student densities at the modes, then about the draws before.
+        Of its posterior. Without them it is drawn from Student densities at the modes, then about the draws before;
+        where no draw lies within the bounds, all causes count as visible.
     parts : sequence of Candidate or None
         The model without each of its causes, in their order, where it was fitted.
     seed : int
     rounds : RoundSettings
-        Of the draws; of `draws` so many are taken as one round has.
+        Of the draws; of `draws` so many are taken as all rounds have.
     """
-    if draws is None:
-        pool, predicted = simulated_in_rounds(
-            problem, laplace_mixture(candidate),
-            lambda found, simulated, before: before.mixture.around(found.u, found.weights, problem.widths),
-            np.random.default_rng([seed, 43]), rounds,
-        )  # fmt: skip
-        weights = pool.weights
+    if draws is not None:
+        n = rounds.draws * rounds.most
+        predicted, weights = problem.predict(draws.resampled(n)), np.full(n, 1.0 / n)
     else:
-        predicted = problem.predict(draws.resampled(rounds.draws))
-        weights = np.full(rounds.draws, 1.0 / rounds.draws)
+        try:
+            pool, predicted = simulated_in_rounds(
+                problem, laplace_mixture(candidate),
+                lambda found, simulated, before: before.mixture.around(found.u, found.weights, problem.widths),
+                np.random.default_rng([seed, 43]), rounds,
+            )  # fmt: skip
+        except ConvergenceError:
+            return {"weights": np.ones(1), "size": np.full((1, len(parts)), np.inf)}
+        weights = pool.weights
     size = np.full((len(weights), len(parts)), np.inf)
     for k, part in enumerate(parts):
         if part is not None:
-            size[:, k] = np.linalg.norm(part.project_out(predicted - part.predicted), axis=1)
+            # In units of the model's own scatter: that of the part has taken some of the effect up.
+            effect, refit = candidate.whitened(predicted - part.predicted), candidate.whitened(part.slope)
+            basis = np.linalg.qr(refit[np.linalg.norm(refit, axis=1) > 0].T)[0]
+            size[:, k] = np.linalg.norm(effect - (effect @ basis) @ basis.T, axis=1)
     return {"weights": weights, "size": size}
 
 
 def shown(
-    share: Mapping[Ids, float], mass: Mapping[Ids, float], found: Mapping[Ids, Effects], visible: float = VISIBLE
+    share: Mapping[Ids, float],
+    mass: Mapping[Ids, float],
+    effects: Effective,
+    *,
+    visible: float = VISIBLE,
+    negligible: float = 1e-3,
 ) -> dict[Ids, float]:
     """Probability of each set of causes to be at work visibly, and no other.
+
+    A draw in which a cause does not show becomes a draw of the model without that cause, like all others of it.
 
     Parameters
     ----------
@@ -99,22 +114,26 @@ def shown(
     mass : mapping
         Its logarithm, not normalised: of several models that lack a cause which does not show, a draw goes to the most
         probable one.
-    found : mapping
-        Effects in the sets that matter. All causes of the others count as visible.
+    effects : callable
+        Asked for sets of one number of causes at a time, the largest first.
     visible : float
         Size from which an effect shows.
+    negligible : float
+        Sets of one number of causes that have no more than this together are taken as they are.
     """
     left = dict(share)
-    for ids in sorted(found, key=len, reverse=True):
-        parts = [tuple(other for other in ids if other != id) for id in ids]
-        hidden = found[ids].size < visible
-        weight = np.array([mass.get(part, -np.inf) for part in parts])
-        goes_to = np.where(hidden.any(axis=1), np.argmax(np.where(hidden, weight, -np.inf), axis=1), -1)
-        whole = left[ids]
-        for k, part in enumerate(parts):
-            moved = whole * float(found[ids].weights[goes_to == k].sum())
-            if moved:
-                left[part] += moved
-                left[ids] -= moved
-        left[ids] = max(left[ids], 0.0)
+    for n in sorted({len(ids) for ids in share if ids}, reverse=True):
+        rising = sorted((ids for ids in share if len(ids) == n), key=lambda ids: left[ids])
+        together = np.cumsum([left[ids] for ids in rising])
+        wanted = [ids for ids, p in zip(rising, together, strict=True) if p > negligible]
+        for ids, found in effects(wanted).items():
+            parts = [tuple(other for other in ids if other != id) for id in ids]
+            hidden = found.size < visible
+            weight = np.array([mass.get(part, -np.inf) for part in parts])
+            goes_to = np.where(hidden.any(axis=1), np.argmax(np.where(hidden, weight, -np.inf), axis=1), -1)
+            moved = left[ids] * np.array([found.weights[goes_to == k].sum() for k in range(len(parts))])
+            for part, p in zip(parts, moved.tolist(), strict=True):
+                if p:
+                    left[part] += p
+            left[ids] = max(left[ids] - float(moved.sum()), 0.0)
     return left

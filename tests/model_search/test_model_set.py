@@ -73,9 +73,23 @@ def test_what_was_believed_before_any_reading_is_no_find() -> None:
     believed = {"a": 0.04, "b": 0.9}
     exact = dict.fromkeys([(), ("a",), ("a", "b")], 0.0)
     for gained, best in ((2.0, ("a", "b")), (-0.5, ("a",))):
-        found = ranked({(): 0.0, ("a",): 20.0, ("a", "b"): 20.0 + gained}, exact, beliefs=believed)
+        evidence = {(): 0.0, ("a",): 20.0, ("a", "b"): 20.0 + gained}
+        found = ranked(evidence, exact, beliefs=believed)
         assert found.probability["a", "b"] > 0.8
         assert found.best_model.ids == best
+
+        # So it is of the draws in which it does not show, which count as draws without it.
+        def effects(wanted: Sequence[Ids]) -> dict[Ids, Effects]:
+            weights, size = np.array([0.3, 0.7]), np.array([[9.0, 1.0], [9.0, 9.0]])
+            return {ids: Effects(weights, size[:, : len(ids)]) for ids in wanted}
+
+        assert ranked(evidence, exact, effects, believed).best_model.ids == best
+
+
+def test_what_is_named_was_sampled() -> None:
+    found = ranked({(): 0.0, ("a",): 20.0, ("b",): 25.0}, {(): 0.0, ("a",): 0.0})
+    assert found.probability["b",] > 0.9 and found.best_model.ids == ("a",)
+    assert found.looked_at.mass_not_looked_at > 0.9
 
 
 def test_what_was_not_sampled_counts_as_not_looked_at() -> None:
@@ -101,7 +115,7 @@ def test_sets_are_reported_for_their_probability_or_their_likelihood(best: float
     log_posteriors = {"a": -10.0, "bc": -9.0, "g": -30.0, "d": -11.0, "ef": -30.0}
     models = tuple(fitted(ids, log_posterior) for ids, log_posterior in log_posteriors.items())
     probability = {tuple(ids): p for ids, p in likely.items()}
-    found = ModelSet(models, probability, {}, {}, BELIEFS)  # type: ignore[arg-type]
+    found = ModelSet(models, probability, {}, {}, BELIEFS, at_work=probability)  # type: ignore[arg-type]
     assert found.fitting_as_well(("a",)) == (("d",),)
     assert found.needed(("a",)) == (() if best > 0.95 else (("b", "c"), ("g",), ("d",), ("e", "f")))
     assert found.rivals(("a",)) == ((("d",),) if best > 0.95 else found.needed(("a",)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
@@ -23,18 +24,19 @@ def found(model_set: ModelSet, ids: Ids, rounds: RoundSettings | None = None) ->
 
 
 def test_an_effect_is_what_least_squares_leave_of_it(hidden: ModelSet) -> None:
-    draws, own, plain = hidden.samples[LAG], hidden.of(LAG), hidden.baseline
-    change = (own.problem.predict(draws.resampled(32)) - plain.predicted) / plain.scatter
-    columns = (plain.slope / plain.scatter).T
+    own, plain = hidden.of(LAG), hidden.baseline
+    draws = hidden.samples[LAG].resampled(128)
+    change = (own.problem.predict(draws) - plain.predicted) / own.scatter
+    columns = (plain.slope / own.scatter).T
     left = change.T - columns @ np.linalg.lstsq(columns, change.T, rcond=None)[0]
     assert found(hidden, LAG).size[:, 0] == pytest.approx(np.linalg.norm(left, axis=0), rel=1e-6)
 
 
-def test_the_size_of_an_effect_goes_with_the_gain(hidden: ModelSet) -> None:
-    """Half its square is what a cause is worth on average, so much more or less as the readings scatter."""
+def test_an_effect_is_at_least_as_large_as_its_gain_says(hidden: ModelSet) -> None:
+    """Half its square is what a cause is worth on average, less what the other scatter of the model without it is."""
     size = found(hidden, LAG).size[:, 0]
     assert size.min() > VISIBLE
-    assert np.sqrt(2 * hidden.gain(LAG)) == pytest.approx(np.median(size), rel=0.3)
+    assert np.median(size) > 0.8 * np.sqrt(2 * hidden.gain(LAG))
 
 
 def test_a_further_cause_hardly_shows_where_only_one_is_at_work(hidden: ModelSet) -> None:
@@ -46,8 +48,16 @@ def test_a_further_cause_hardly_shows_where_only_one_is_at_work(hidden: ModelSet
 
 
 def test_what_shows_does_not_hang_on_how_many_draws_are_taken(hidden: ModelSet) -> None:
-    few, many = (found(hidden, LAG, RoundSettings(draws=n, least=1, most=4, effective=n / 4)) for n in (32, 256))
-    assert np.median(few.size) == pytest.approx(np.median(many.size), rel=0.1)
+    """Of draws of a sample, and of draws that are made for a model that was not sampled."""
+    both = next(ids for ids in hidden.at_work if len(ids) == 2 and {*LAG, "reading_offset"} == {*ids})
+    for ids in (LAG, both):
+        few, many = (found(hidden, ids, RoundSettings(draws=n, least=1, most=4, effective=n / 4)) for n in (32, 256))
+        share, exact = (one.weights @ (one.size > VISIBLE) for one in (few, many))
+        assert share == pytest.approx(exact, abs=0.15)
+
+
+def known_of(wanted: Sequence[Ids], known: Mapping[Ids, Effects]) -> dict[Ids, Effects]:
+    return {ids: known[ids] for ids in wanted if ids in known}
 
 
 def test_probabilities_move_to_parts_down_to_nothing() -> None:
@@ -79,7 +89,9 @@ def test_probabilities_move_to_parts_down_to_nothing() -> None:
                 if parts:
                     end[max(parts, key=lambda part: mass[part])] += before * weight
                     end[ids] -= before * weight
-        after = shown(share, mass, seen)
+        after = shown(
+            share, mass, lambda wanted, seen=seen: {ids: seen[ids] for ids in wanted if ids in seen}, negligible=0.0
+        )
         assert sum(after.values()) == pytest.approx(1) and min(after.values()) >= 0
         assert after == {ids: pytest.approx(p, abs=1e-12) for ids, p in end.items()}
 
@@ -88,3 +100,12 @@ def test_a_cause_shows_where_the_model_without_it_was_not_fitted(hidden: ModelSe
     own = hidden.of(LAG)
     seen = effects(own.problem, own, None, [None], 1, SearchSettings().effects)
     assert np.isinf(seen["size"]).all()
+
+
+def test_what_a_larger_set_leaves_to_a_smaller_one_is_asked_about_there() -> None:
+    """Two causes that both do not show end at nothing, though the set between hardly has a share of its own."""
+    share = {(): 0.01, ("a",): 1e-6, ("a", "b"): 0.98999, ("b",): 9e-6}
+    mass = {ids: float(np.log(p)) for ids, p in share.items()}
+    unseen = {ids: Effects(np.ones(1), np.zeros((1, len(ids)))) for ids in share if ids}
+    after = shown(share, mass, lambda wanted: {ids: unseen[ids] for ids in wanted})
+    assert after[()] == pytest.approx(1, abs=1e-5) and after["a", "b"] == 0

@@ -233,7 +233,7 @@ def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
 def included(s: ScreeningResult) -> float:
     """Probability that it is part of the truth; nan where the readings say nothing of that.
 
-    What was not needed counts with the model without it: unless it is excluded, its own share of nothing is none.
+    Where it does not show, its model counts as the model without it: unless it is excluded, nothing of it is no share.
     """
     unknown = s.verdict in (UNSEEN, NO_ACTION) or (s.verdict != "not present" and s.inclusion == 0.0)
     return math.nan if unknown else s.inclusion
