@@ -363,7 +363,7 @@ class Diagnosed(_Shown):
 
     @property
     def causes(self) -> pd.DataFrame:
-        """The models that were compared, most probable first; gain and evidence over the baseline in nats.
+        """The models that were compared, the named set first, then the most probable; gain and evidence over the baseline in nats.
 
         A discrepancy without a name that has a share of the probability is the last.
         """

@@ -140,7 +140,7 @@ class Diagnosis(Brief):
     alternatives : list of lists of str
         Sets that do as well: needed for 95 % of the probability, or fitting as well; an empty one is the baseline.
     causes : list of CauseResult
-        Most probable first.
+        The named set first, then the most probable.
     looked_at : LookedAt
         Sets of causes that were fitted on all readings, those of them of which the evidence is an estimate, and the
         probability that these estimates add up to.
