@@ -363,9 +363,10 @@ class Diagnosed(_Shown):
 
     @property
     def causes(self) -> pd.DataFrame:
-        """The models that were compared, the named set first, then the most probable; gain and evidence over the baseline in nats.
+        """The models that were compared, the named set first, then the most probable.
 
-        A discrepancy without a name that has a share of the probability is the last.
+        Gain and evidence are over the baseline, in nats. A discrepancy without a name that has a share of the
+        probability is the last.
         """
         rows = [
             [" + ".join(c.terms) or "baseline", c.probability, c.evidence.gain, c.evidence.over_baseline]
