@@ -76,4 +76,5 @@ def search_models(
                 starts=[c.ids for c in starts], passes=lambda model: passes(model.content.candidate),
                 progress=progress,
             )  # fmt: skip
+            progress("asking which causes show in the likely models", 0, 1)
             return rank(found, believed, settings, partial(fitter.effects, found.models))
