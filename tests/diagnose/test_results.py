@@ -40,7 +40,9 @@ def test_the_word_for_a_cause(hidden):
     assert word_for(unseen, strong, calm, little) == "explains part alone"
     tied = SimpleNamespace(**vars(calm) | {"alternatives": (("flight_friction", "gap"),)})
     assert word_for(unseen, weak, tied, little) == "as good"
-    named = SimpleNamespace(**vars(calm) | {"inclusion": {"flight_friction": 0.9}})
+    likely = SimpleNamespace(**vars(calm) | {"inclusion": {"flight_friction": 0.9}})
+    assert word_for(unseen, weak, likely, None) == UNSEEN  # believed beforehand, and not named
+    named = SimpleNamespace(**vars(likely) | {"named": ("flight_friction", "gap")})
     assert word_for(unseen, weak, named, None) == "present"
     named.verdict = "unexplained"
     assert word_for(unseen, weak, named, None) == NEAREST
