@@ -161,8 +161,11 @@ def diagnose(
     return DONE if result.numerics.converged else CHECK_FAILED
 
 
-def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = ()) -> None:
-    """Print a diagnosis; the beliefs are what the experiment states, or what follows from its rig."""
+def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: int = 5, least: float = 1e-3) -> None:
+    """Print a diagnosis; the beliefs are what the experiment states, or what follows from its rig.
+
+    Of the models it lists `most`, and but for the named one and the baseline none below the probability `least`.
+    """
     from psafit.diagnose.answer import Sizes, answer
     from psafit.diagnose.words import PLAIN
 
@@ -174,7 +177,8 @@ def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = ()) -> None:
     if given_named:
         click.echo("  if the truth were in the catalogue:")
     rows: list[tuple[float, list[str]]] = []
-    for cause in result.causes[:5]:
+    listed = [c for c in result.causes if c.terms in ([], result.named) or c.probability >= least]
+    for cause in listed[:most]:
         words = " + ".join(cause.terms) or "no cause"
         head = f"{words}, log likelihood {fixed(cause.evidence.gain, 1, sign=True)} nats over the baseline's"
         reported = cause.terms == result.named or cause.terms in result.alternatives
