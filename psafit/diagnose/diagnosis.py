@@ -531,8 +531,7 @@ def _tied(model_set: ModelSet, verdict: Verdict, seed: int, most: int) -> list[t
     well, and the model is not wrong, it is what may be at work by too little to count.
     """
     if verdict.verdict == "adequate":
-        likely = sorted(model_set.probability, key=lambda ids: -model_set.probability[ids])
-        causes = [ids for ids in likely if ids and model_set.probability[ids] >= 1 - CREDIBLE]
+        causes = [ids for ids in model_set.by_probability(()) if model_set.probability[ids] >= 1 - CREDIBLE]
         equals = [(), *causes[:1]]
     else:
         equals = [model_set.best_model.ids, *verdict.alternatives]

@@ -54,8 +54,8 @@ def causes_of(model_set: ModelSet, verdict: Verdict, most: int = 12, least: floa
 
     Best model, alternatives and baseline are there in any case.
     """
-    likely = sorted(model_set.candidates, key=lambda c: -model_set.probability[c.ids])
-    shown = [c for c in likely if model_set.probability[c.ids] >= least][:most]
+    likely = [ids for ids in model_set.by_probability() if model_set.probability[ids] >= least]
+    shown = [model_set.of(ids) for ids in likely[:most]]
     tied = [c for c in model_set.candidates if c.ids in verdict.alternatives]
     for always in (model_set.best_model, model_set.baseline, *tied):
         if always not in shown:

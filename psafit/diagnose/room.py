@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psafit.inference.evidence import TRUSTED, RoundSettings, laplace_mixture, quantiles, simulated_in_rounds
+from psafit.inference.evidence import TRUSTED, RoundSettings, drawn_about, quantiles
 from psafit.model_search import Ids, ModelSet
 from psafit.physics.term import Term
 
@@ -64,12 +64,8 @@ def room(
     fitted = next((c for c in model_set.candidates if {*c.ids} == larger), None)
     if fitted is None:
         return None
-    problem, rng = fitted.problem, np.random.default_rng([seed, 31])
     needed = RoundSettings(draws=draws, least=1, most=rounds, effective=1.0 / (1.0 - limit))
-    pool, predicted = simulated_in_rounds(
-        problem, laplace_mixture(fitted),
-        lambda found, simulated, before: before.mixture.around(found.u, found.weights, problem.widths), rng, needed,
-    )  # fmt: skip
+    pool, predicted = drawn_about(fitted, np.random.default_rng([seed, 31]), needed)
     found = pool.sample()
     if found.effective < needed.effective or found.pareto_k > TRUSTED:
         return None

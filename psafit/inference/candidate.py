@@ -168,7 +168,9 @@ class Candidate:
         """Changes of the readings, (n, n_points), in units of the scatter; along a trace beyond those before."""
         return noise.whitened((effect / self.scatter)[None], self.noise)[0]
 
-    def project_out(self, effect: FloatArray, *, without: Term | None = None) -> FloatArray:
+    def project_out(
+        self, effect: FloatArray, *, without: Term | None = None, slope: FloatArray | None = None
+    ) -> FloatArray:
         """What a refit leaves of changes of the ranges, in units of the scatter.
 
         Parameters
@@ -176,22 +178,30 @@ class Candidate:
         effect : (n, n_points) array, each in the unit of its reading
         without : Term, optional
             A cause whose own parameters the refit leaves where they are.
+        slope : (n_parameters, n_points) array, optional
+            Of another model that is refitted instead.
 
         Returns
         -------
         (n, n_points) array
         """
         whitened = self.whitened(effect)
-        basis = self._basis if without is None else self._spanned(np.array(self.problem.without(without)[1]))
+        if slope is not None:
+            basis = self._spanned(slope)
+        elif without is not None:
+            rows = np.array(self.problem.without(without)[1])
+            basis = self._spanned(self.slope[rows[rows < self.problem.n_model]])
+        else:
+            basis = self._basis
         return np.asarray(whitened - (whitened @ basis) @ basis.T)
 
     @cached_property
     def _basis(self) -> FloatArray:
-        return self._spanned(np.arange(self.problem.n_model))
+        return self._spanned(self.slope)
 
-    def _spanned(self, rows: NDArray[np.intp]) -> FloatArray:
-        """Orthonormal columns that span the slopes by some of the model's coordinates, in units of the scatter."""
-        known = self.whitened(self.slope[rows[rows < self.problem.n_model]])
+    def _spanned(self, slope: FloatArray) -> FloatArray:
+        """Orthonormal columns that span slopes by some coordinates, in units of the scatter."""
+        known = self.whitened(slope)
         return np.linalg.qr(known[np.linalg.norm(known, axis=1) > 1e-9].T)[0]
 
     def within(self, larger: Problem) -> tuple[FloatArray, NDArray[np.intp]]:

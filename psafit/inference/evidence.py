@@ -428,6 +428,19 @@ def simulated_in_rounds(
     return pool, np.concatenate(simulated)
 
 
+def drawn_about(candidate: Candidate, random: np.random.Generator, how: RoundSettings) -> tuple[Pool, FloatArray]:
+    """Draws of a fitted model's posterior, with what they predict.
+
+    From Student densities at the modes, then about the draws before, weighted by the posterior.
+    """
+    problem = candidate.problem
+
+    def about(pool: Pool, simulated: FloatArray, before: _Density) -> _Density:
+        return before.mixture.around(pool.u, pool.weights, problem.widths)
+
+    return simulated_in_rounds(problem, laplace_mixture(candidate), about, random, how)
+
+
 def drawn_inside(
     density: _Density,
     bounds: FloatArray,

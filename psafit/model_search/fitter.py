@@ -21,7 +21,7 @@ from psafit.inference.optimise import joined_values
 from psafit.inference.problem import Problem
 from psafit.inference.sample import SampleSettings, first, joined, second
 from psafit.inference.scan import widened
-from psafit.model_search.loop import Foreseen, Ids, Model
+from psafit.model_search.loop import Foreseen, Ids, Model, reduced
 from psafit.model_search.settings import SearchSettings
 from psafit.model_search.visibility import Effects, effects
 from psafit.physics.term import Term
@@ -198,7 +198,7 @@ class ProblemFitter:
 
     def _effects(self, model: Known, models: Mapping[Ids, Known]) -> Task:
         own, draws, s = model.content.candidate, model.content.draws, self.settings
-        known = [models.get(tuple(other for other in own.ids if other != id)) for id in own.ids]
+        known = [models.get(ids) for ids in reduced(own.ids)]
         parts = [None if one is None else one.content.candidate for one in known]
         about = [
             *self._how, asdict(s.effects), own.modes.tolist(), None if draws is None else draws.top.tolist(),

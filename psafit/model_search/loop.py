@@ -149,6 +149,11 @@ class Searched(Generic[Content]):
     whole: bool
 
 
+def reduced(ids: Ids) -> list[Ids]:
+    """Return the sets with one cause less, in the order of what they lack."""
+    return [tuple(other for other in ids if other != id) for id in ids]
+
+
 def exchanged(ids: Ids, catalogue: Sequence[str]) -> list[Ids]:
     """Return the sets with one cause less, and with another in its place, in the catalogue's order."""
     others = [id for id in catalogue if id not in ids]
@@ -273,7 +278,7 @@ class _Known(Generic[Content]):
                 most[id] = max(most[id], evidence[ids] - without)
 
         def hoped(ids: Ids) -> float:
-            parts = ((id, tuple(other for other in ids if other != id)) for id in ids)
+            parts = zip(ids, reduced(ids), strict=True)
             reached = [evidence[part] + most[id] for id, part in parts if part in evidence]
             return min(reached, default=math.inf) + self.log_prior(ids)
 

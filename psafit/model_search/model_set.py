@@ -145,7 +145,7 @@ class ModelSet:
     def needed(self, named: Ids) -> tuple[Ids, ...]:
         """Sets that are needed, in addition to the named one, for 95 % of the probability; most probable first."""
         held, found = self.probability[named], []
-        for ids in self._by_probability(named):
+        for ids in self.by_probability(named):
             if held >= CREDIBLE:
                 break
             found.append(ids)
@@ -164,16 +164,16 @@ class ModelSet:
         def behind(c: Candidate) -> float:
             return own.log_likelihood - c.log_likelihood - (own.problem.n_dim - c.problem.n_dim)
 
-        rivals = [ids for ids in self._by_probability(named) if ids in models and len(ids) <= len(named)]
+        rivals = [ids for ids in self.by_probability(named) if ids in models and len(ids) <= len(named)]
         return tuple(ids for ids in rivals if self.probability[ids] > least and behind(models[ids]) < close)
 
     def rivals(self, named: Ids) -> tuple[Ids, ...]:
         """Sets to report with the named one: those needed, and those that fit as well; most probable first."""
         found = {*self.needed(named), *self.fitting_as_well(named)}
-        return tuple(ids for ids in self._by_probability(named) if ids in found)
+        return tuple(ids for ids in self.by_probability(named) if ids in found)
 
-    def _by_probability(self, named: Ids) -> list[Ids]:
-        """The other sets that have any, most probable first."""
+    def by_probability(self, named: Ids | None = None) -> list[Ids]:
+        """Sets that have any probability, the most probable first; without the named one."""
         p = self.probability
         return [ids for ids in sorted(p, key=lambda ids: -p[ids]) if ids != named and p[ids] > 0]
 

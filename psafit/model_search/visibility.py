@@ -15,10 +15,10 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference.candidate import Candidate
-from psafit.inference.evidence import ImportanceSample, RoundSettings, laplace_mixture, simulated_in_rounds
+from psafit.inference.evidence import ImportanceSample, RoundSettings, drawn_about
 from psafit.inference.memory import Arrays
 from psafit.inference.problem import Problem
-from psafit.model_search.loop import Ids
+from psafit.model_search.loop import Ids, reduced
 
 VISIBLE = 2.5
 """Size of an effect, after the refit and in standard deviations of the scatter, below which it does not show.
@@ -77,11 +77,7 @@ def effects(
         predicted, weights = problem.predict(draws.resampled(n)), np.full(n, 1.0 / n)
     else:
         try:
-            pool, predicted = simulated_in_rounds(
-                problem, laplace_mixture(candidate),
-                lambda found, simulated, before: before.mixture.around(found.u, found.weights, problem.widths),
-                np.random.default_rng([seed, 43]), rounds,
-            )  # fmt: skip
+            pool, predicted = drawn_about(candidate, np.random.default_rng([seed, 43]), rounds)
         except ConvergenceError:
             return {"weights": np.ones(1), "size": np.full((1, len(parts)), np.inf)}
         weights = pool.weights
@@ -89,9 +85,8 @@ def effects(
     for k, part in enumerate(parts):
         if part is not None:
             # In units of the model's own scatter: that of the part has taken some of the effect up.
-            effect, refit = candidate.whitened(predicted - part.predicted), candidate.whitened(part.slope)
-            basis = np.linalg.qr(refit[np.linalg.norm(refit, axis=1) > 0].T)[0]
-            size[:, k] = np.linalg.norm(effect - (effect @ basis) @ basis.T, axis=1)
+            left = candidate.project_out(predicted - part.predicted, slope=part.slope)
+            size[:, k] = np.linalg.norm(left, axis=1)
     return {"weights": weights, "size": size}
 
 
@@ -127,7 +122,7 @@ def shown(
         together = np.cumsum([left[ids] for ids in rising])
         wanted = [ids for ids, p in zip(rising, together, strict=True) if p > negligible]
         for ids, found in effects(wanted).items():
-            parts = [tuple(other for other in ids if other != id) for id in ids]
+            parts = reduced(ids)
             hidden = found.size < visible
             weight = np.array([mass.get(part, -np.inf) for part in parts])
             goes_to = np.where(hidden.any(axis=1), np.argmax(np.where(hidden, weight, -np.inf), axis=1), -1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
@@ -56,10 +55,6 @@ def test_what_shows_does_not_hang_on_how_many_draws_are_taken(hidden: ModelSet) 
         assert share == pytest.approx(exact, abs=0.15)
 
 
-def known_of(wanted: Sequence[Ids], known: Mapping[Ids, Effects]) -> dict[Ids, Effects]:
-    return {ids: known[ids] for ids in wanted if ids in known}
-
-
 def test_probabilities_move_to_parts_down_to_nothing() -> None:
     """As a literal count of draws does it, one by one."""
     rng = np.random.default_rng(3)
@@ -74,11 +69,7 @@ def test_probabilities_move_to_parts_down_to_nothing() -> None:
             if ids and rng.uniform() < 0.8
         }
         end = dict(share)
-        for ids in (
-            *itertools.combinations("abc", 3),
-            *itertools.combinations("abc", 2),
-            *itertools.combinations("abc", 1),
-        ):
+        for ids in reversed(sets):
             if ids not in seen:
                 continue
             before = end[ids]
