@@ -3,7 +3,7 @@
 Every known set of causes has an estimate of its log posterior probability: from a short fit, or from fitting and
 sampling it in earnest. The set with the highest estimate that is not sampled yet is sampled, and its neighbours (one
 cause more, one less, one exchanged) get their short fits. The search ends when no set that shows is left whose estimate
-comes within the window of the best.
+comes within the window of the best, and when every set that has 5 % of the probability was sampled.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from psafit.errors import InputError
 from psafit.inference.candidate import Candidate
 from psafit.inference.memory import Memory
 from psafit.inference.problem import Problem
-from psafit.model_search.fitter import ProblemFitter
-from psafit.model_search.loop import Ids, search
+from psafit.model_search.fitter import Fitted, ProblemFitter
+from psafit.model_search.loop import Ids, Searched, search
 from psafit.model_search.model_set import ModelSet, beliefs, log_prior, rank
 from psafit.model_search.settings import SearchSettings
 from psafit.physics.term import Term
@@ -70,11 +70,15 @@ def search_models(
         raise InputError(f"most_causes = {settings.most_causes}", "choose 1 or more")
     with processes(jobs, scheduler) as usable:
         fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts)
+
+        def ranked(found: Searched[Fitted]) -> ModelSet:
+            progress("asking which causes show in the likely models", 0, 1)
+            return rank(found, believed, settings, partial(fitter.effects, found.models))
+
         with closing(fitter):
             found = search(
                 [t.id for t in catalogue], fitter, lambda ids: log_prior(ids, believed), settings,
                 starts=[c.ids for c in starts], passes=lambda model: passes(model.content.candidate),
-                progress=progress,
+                decisive=lambda found: ranked(found).likely, progress=progress,
             )  # fmt: skip
-            progress("asking which causes show in the likely models", 0, 1)
-            return rank(found, believed, settings, partial(fitter.effects, found.models))
+            return ranked(found)

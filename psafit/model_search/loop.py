@@ -354,9 +354,13 @@ class _Known(Generic[Content]):
         foreseen = Foreseen(tuple(m for m in others if not m.sampled), new, self.models)
         fully = within or best.earnest or len(best.ids) <= self.settings.from_prior
         work = self.fitter.sample if fully else self.fitter.earnest
-        self.models[best.ids] = found = work(best, foreseen)
-        if found.log_posterior > best.log_posterior + self.settings.better:
-            self.done[best.ids] = 0
+        self.update(best, work(best, foreseen))
+
+    def update(self, before: Model[Content], found: Model[Content]) -> None:
+        """Keep what was found of a model; the neighbours of one that has risen are looked at again."""
+        self.models[before.ids] = found
+        if found.log_posterior > before.log_posterior + self.settings.better:
+            self.done[before.ids] = 0
 
     def searched(self) -> Searched[Content]:
         """What was looked at."""
@@ -377,6 +381,7 @@ def search(
     *,
     starts: Sequence[Ids] = (),
     passes: Callable[[Model[Content]], bool] = lambda model: True,
+    decisive: Callable[[Searched[Content]], Sequence[Ids]] = lambda found: (),
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> Searched[Content]:
     """Search the sets of a catalogue's causes.
@@ -393,6 +398,9 @@ def search(
     passes : callable
         Whether the readings pass the tests of misfit by a model. Asked of one or two causes that lead, where others
         show, and of what leads in the end.
+    decisive : callable
+        Sets whose probability decides what is said of the readings. Asked in the end; those that were not sampled are,
+        and the search goes on.
     progress : callable
         Called with (what, models whose neighbours were fitted, models of which they are to be).
     """
@@ -434,7 +442,12 @@ def search(
             if (other := known.next_wide(best_model)) is not None and not passes(best_model):
                 known.widen(other, highest)
                 continue
-            return known.searched()
+            result = known.searched()
+            waiting = [models[ids] for ids in decisive(result) if not models[ids].sampled]
+            if not waiting:
+                return result
+            known.update(waiting[0], fitter.sample(waiting[0]))
+            continue
         best, *others = sorted(left, key=lambda m: (m.sampled and known.done[m.ids], -known.value(m), m.ids))
         if best.sampled:
             known.expand(best, highest)

@@ -134,6 +134,11 @@ class ModelSet:
         mass = sum(self.probability[ids] for ids in estimated)
         return LookedAt(len(self.probability), len(estimated), mass, self.neighbours)
 
+    @property
+    def likely(self) -> tuple[Ids, ...]:
+        """Sets that have so much probability that the others alone would be no answer."""
+        return tuple(ids for ids, p in self.probability.items() if p >= 1 - CREDIBLE)
+
     def draws(self, ids: Ids, seed: int) -> ImportanceSample:
         """Posterior draws of a model; worked out for one that the search did not sample."""
         return self.samples[ids] if ids in self.samples else importance_sample(self.of(ids), seed=seed)
@@ -189,8 +194,7 @@ class ModelSet:
         reported for its own probability is not among them.
         """
         own, least = self.log_evidence[named], (1 - CREDIBLE) / CREDIBLE
-        likely = [ids for ids, p in self.probability.items() if p >= 1 - CREDIBLE]
-        reported = self.needed(named) if named else likely
+        reported = self.needed(named) if named else self.likely
         odds = {
             ids: self.odds(ids, named)
             for ids, draws in self.samples.items()

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psafit.model_search.loop import Foreseen, Ids, Model, _Known, enlarged, exchanged, search
+from psafit.model_search.loop import Foreseen, Ids, Model, Searched, _Known, enlarged, exchanged, search
 from psafit.model_search.settings import SearchSettings
 
 CATALOGUE = tuple("abcdefgh")
@@ -101,6 +101,19 @@ def test_what_a_short_fit_is_off_by_is_not_taken_for_a_cause() -> None:
     found = search(CATALOGUE, fake, flat, starts=[("a",), ("a", "b")])
     assert fake.sampled == [(), ("a",)] and found.expanded == {()}
     assert found.models["a", "b"].log_evidence == pytest.approx(0.0)
+
+
+def test_what_decides_is_sampled_though_the_search_need_not_go_on_from_it() -> None:
+    def decisive(found: Searched[None]) -> list[Ids]:
+        return [ids for ids, model in found.models.items() if model.log_evidence > 19.5]
+
+    def fake() -> Fake:
+        return Fake(additive({"a": 20.0}), error=lambda ids: 1.9 * (ids == ("a", "b")))
+
+    alone, asked = fake(), fake()
+    assert search(CATALOGUE, alone, flat).models["a", "b"].log_evidence == pytest.approx(20.9)
+    assert search(CATALOGUE, asked, flat, decisive=decisive).models["a", "b"].log_evidence == 19.0
+    assert asked.sampled == [*alone.sampled, ("a", "b")]
 
 
 def test_a_model_that_has_risen_since_it_was_sampled_has_no_less_evidence() -> None:
