@@ -23,7 +23,7 @@ from psafit.inference.sample import SampleSettings, first, joined, second
 from psafit.inference.scan import widened
 from psafit.model_search.loop import Foreseen, Ids, Model, reduced
 from psafit.model_search.settings import SearchSettings
-from psafit.model_search.visibility import Effects, effects
+from psafit.model_search.visibility import Effects, effects, may_hide
 from psafit.physics.term import Term
 from psafit.workers import unordered
 
@@ -199,7 +199,8 @@ class ProblemFitter:
     def _effects(self, model: Known, models: Mapping[Ids, Known]) -> Task:
         own, draws, s = model.content.candidate, model.content.draws, self.settings
         known = [models.get(ids) for ids in reduced(own.ids)]
-        parts = [None if one is None else one.content.candidate for one in known]
+        near = [one and may_hide(one.log_evidence, model.log_evidence, 2.0 * s.doubt) for one in known]
+        parts = [one.content.candidate if one and hides else None for one, hides in zip(known, near, strict=True)]
         about = [
             *self._how, asdict(s.effects), own.modes.tolist(), None if draws is None else draws.top.tolist(),
             [None if one is None else [one.problem.tolerance, one.modes[0].tolist()] for one in parts],

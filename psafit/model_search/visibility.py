@@ -7,6 +7,7 @@ one does not, the draw is counted with the model without that cause.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -26,6 +27,9 @@ VISIBLE = 2.5
 The power to see that is one half for a gain of two and a half standard deviations.
 """
 
+NEGLIGIBLE = 1e-3
+"""Share of the probability that is not asked about."""
+
 
 @dataclass(frozen=True, eq=False)
 class Effects:
@@ -36,8 +40,8 @@ class Effects:
     weights : (n,) array
         Of the draws, normalised.
     size : (n, n_causes) array
-        Of each cause's effect next to the best of the model without it, less what a refit of the other parameters takes
-        up, in standard deviations of the scatter; infinite where that model was not fitted.
+        Of each cause's effect, less what a refit of the other parameters takes up, in standard deviations of the
+        scatter; infinite where the model without it was not fitted, or is so improbable that no draw can be like it.
     """
 
     weights: FloatArray
@@ -67,27 +71,49 @@ def effects(
         Of its posterior. Without them it is drawn from Student densities at the modes, then about the draws before;
         where no draw lies within the bounds, all causes count as visible.
     parts : sequence of Candidate or None
-        The model without each of its causes, in their order, where it was fitted.
+        The model without each of its causes, in their order; None for what counts as visible in all draws.
     seed : int
     rounds : RoundSettings
         Of the draws; of `draws` so many are taken as all rounds have.
     """
     if draws is not None:
         n = rounds.draws * rounds.most
-        predicted, weights = problem.predict(draws.resampled(n)), np.full(n, 1.0 / n)
+        u, weights = draws.resampled(n), np.full(n, 1.0 / n)
+        predicted = problem.predict(u)
     else:
         try:
             pool, predicted = drawn_about(candidate, np.random.default_rng([seed, 43]), rounds)
         except ConvergenceError:
             return {"weights": np.ones(1), "size": np.full((1, len(parts)), np.inf)}
-        weights = pool.weights
+        u, weights = pool.u, pool.weights
     size = np.full((len(weights), len(parts)), np.inf)
-    for k, part in enumerate(parts):
+    for k, (term, part) in enumerate(zip(candidate.terms, parts, strict=True)):
         if part is not None:
-            # In units of the model's own scatter: that of the part has taken some of the effect up.
-            left = candidate.project_out(predicted - part.predicted, slope=part.slope)
-            size[:, k] = np.linalg.norm(left, axis=1)
+            # A refit goes on in a straight line, from the draw without the cause or from the best of the model without
+            # it: the nearer counts. In units of the model's own scatter: the part's has taken some of the effect up.
+            without = part.problem.predict(u[:, problem.without(term)[1]])
+            left = [candidate.project_out(predicted - there, slope=part.slope) for there in (without, part.predicted)]
+            size[:, k] = np.linalg.norm(left, axis=2).min(axis=0)
     return {"weights": weights, "size": size}
+
+
+def may_hide(
+    part: float, whole: float, error: float, *, visible: float = VISIBLE, negligible: float = NEGLIGIBLE
+) -> bool:
+    """Whether more than a negligible share of a model's draws may be like those of a part.
+
+    What does not show makes the likelihood better by ``visible**2 / 2`` nats at most.
+
+    Parameters
+    ----------
+    part, whole : float
+        Log evidences.
+    error : float
+        Of their difference, nats.
+    visible, negligible : float
+        As `shown` takes them.
+    """
+    return part - whole + error + visible**2 / 2 > math.log(negligible)
 
 
 def shown(
@@ -96,7 +122,7 @@ def shown(
     effects: Effective,
     *,
     visible: float = VISIBLE,
-    negligible: float = 1e-3,
+    negligible: float = NEGLIGIBLE,
 ) -> dict[Ids, float]:
     """Probability of each set of causes to be at work visibly, and no other.
 

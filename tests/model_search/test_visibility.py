@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import pytest
 from psafit.inference.evidence import RoundSettings
 from psafit.model_search import ModelSet, SearchSettings
 from psafit.model_search.loop import Ids
-from psafit.model_search.visibility import VISIBLE, Effects, effects, shown
+from psafit.model_search.visibility import VISIBLE, Effects, effects, may_hide, shown
 
 LAG = ("amplifier_lag",)
 
@@ -23,12 +25,41 @@ def found(model_set: ModelSet, ids: Ids, rounds: RoundSettings | None = None) ->
 
 
 def test_an_effect_is_what_least_squares_leave_of_it(hidden: ModelSet) -> None:
+    """Next to the same draw with a neutral cause, or next to the best without it: the smaller of the two."""
     own, plain = hidden.of(LAG), hidden.baseline
     draws = hidden.samples[LAG].resampled(128)
-    change = (own.problem.predict(draws) - plain.predicted) / own.scatter
-    columns = (plain.slope / own.scatter).T
-    left = change.T - columns @ np.linalg.lstsq(columns, change.T, rcond=None)[0]
-    assert found(hidden, LAG).size[:, 0] == pytest.approx(np.linalg.norm(left, axis=0), rel=1e-6)
+    neutral = draws.copy()
+    (lag,) = own.problem.terms[0].parameters
+    neutral[:, own.problem.names.index(lag.name)] = lag.to_sampling(lag.neutral)
+    columns, sizes = (plain.slope / own.scatter).T, []
+    for there in (own.problem.predict(neutral), plain.predicted):
+        change = (own.problem.predict(draws) - there) / own.scatter
+        left = change.T - columns @ np.linalg.lstsq(columns, change.T, rcond=None)[0]
+        sizes.append(np.linalg.norm(left, axis=0))
+    assert found(hidden, LAG).size[:, 0] == pytest.approx(np.minimum(*sizes), rel=1e-3)
+
+
+def test_a_part_is_asked_about_where_draws_may_be_like_its_own() -> None:
+    """Whatever the draws: those in which a cause does not show hold no more of them than is said."""
+    assert may_hide(0.0, 0.0, 0.0) and may_hide(-9.0, 0.0, 0.0) and not may_hide(-11.0, 0.0, 0.0)
+    assert may_hide(-11.0, 0.0, 2.0) and not may_hide(-9.0, 0.0, 0.0, visible=1.0)
+
+
+def test_a_cause_that_does_nothing_in_a_draw_does_not_show_there_wherever_it_is(hidden: ModelSet) -> None:
+    """A straight line from the best of the model without it would not lead there."""
+    both = next(ids for ids in hidden.at_work if len(ids) == 2 and {*LAG, "reading_offset"} == {*ids})
+    own = hidden.of(both)
+    far = own.placed(own.problem)
+    (offset,) = next(t for t in own.terms if t.id == "reading_offset").parameters
+    far[:, own.problem.names.index(offset.name)] = offset.to_sampling(offset.neutral)
+    far[:, own.problem.names.index("k_c")] += 1.0
+    part = hidden.of(LAG)
+    straight = own.project_out(own.problem.predict(far) - part.predicted, slope=part.slope)
+    draws: Any = SimpleNamespace(resampled=lambda n: np.repeat(far, n, axis=0))
+    parts = [part if id == "reading_offset" else None for id in both]
+    size = effects(own.problem, own, draws, parts, 1, SearchSettings().effects)["size"]
+    assert size[:, both.index("reading_offset")].max() < 0.1 < VISIBLE < np.linalg.norm(straight)
+    assert np.isinf(size[:, both.index("amplifier_lag")]).all()
 
 
 def test_an_effect_is_at_least_as_large_as_its_gain_says(hidden: ModelSet) -> None:
