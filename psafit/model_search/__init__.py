@@ -70,15 +70,17 @@ def search_models(
         raise InputError(f"most_causes = {settings.most_causes}", "choose 1 or more")
     with processes(jobs, scheduler) as usable:
         fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts)
+        latest: list[ModelSet] = []
 
-        def ranked(found: Searched[Fitted]) -> ModelSet:
+        def likely(found: Searched[Fitted]) -> tuple[Ids, ...]:
             progress("asking which causes show in the likely models", 0, 1)
-            return rank(found, believed, settings, partial(fitter.effects, found.models))
+            latest[:] = [rank(found, believed, settings, partial(fitter.effects, found.models))]
+            return latest[0].likely
 
         with closing(fitter):
-            found = search(
+            search(
                 [t.id for t in catalogue], fitter, lambda ids: log_prior(ids, believed), settings,
                 starts=[c.ids for c in starts], passes=lambda model: passes(model.content.candidate),
-                decisive=lambda found: ranked(found).likely, progress=progress,
+                decisive=likely, progress=progress,
             )  # fmt: skip
-            return ranked(found)
+            return latest[0]  # of what was found in the end

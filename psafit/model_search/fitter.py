@@ -199,13 +199,18 @@ class ProblemFitter:
     def _effects(self, model: Known, models: Mapping[Ids, Known]) -> Task:
         own, draws, s = model.content.candidate, model.content.draws, self.settings
         known = [models.get(ids) for ids in reduced(own.ids)]
-        near = [one and may_hide(one.log_evidence, model.log_evidence, 2.0 * s.doubt) for one in known]
-        parts = [one.content.candidate if one and hides else None for one, hides in zip(known, near, strict=True)]
+        parts = [one.content.candidate if one is not None and self._may_hide(one, model) else None for one in known]
         about = [
             *self._how, asdict(s.effects), own.modes.tolist(), None if draws is None else draws.top.tolist(),
             [None if one is None else [one.problem.tolerance, one.modes[0].tolist()] for one in parts],
         ]  # fmt: skip
         return self._task("effects", own.problem, about, effects, own, draws, parts, self.seed, s.effects)
+
+    def _may_hide(self, part: Known, whole: Known) -> bool:
+        s = self.settings
+        errors = [m.content.draws.standard_error if m.content.draws else s.doubt for m in (part, whole)]
+        low = 0.0 if part.sampled or part.earnest else s.short_by
+        return may_hide(part.log_evidence, whole.log_evidence, 2.0 * math.hypot(*errors) + low)
 
     @property
     def _how(self) -> list[object]:

@@ -3,7 +3,8 @@
 Three sentences say what it does. Every known model has an estimate of its log posterior probability. The model with the
 highest estimate that was not sampled yet is sampled, and its neighbours, which have one cause more, one less or one
 exchanged, are fitted. The search ends when no model that shows is left whose estimate comes within the window of the
-best; a model shows that exceeds every part of itself.
+best; a model shows that exceeds every part of itself. (Those that are reported for their probability, though they do
+not show, are sampled then, too.)
 
 What costs much waits. Models that are no larger come first: another cause in the place of one may do more than one
 cause more. Exchanges are fitted from where others have their optima. Those that then come within the window of the best
@@ -47,6 +48,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
 
+from psafit.errors import ConvergenceError
 from psafit.model_search.settings import SearchSettings
 from psafit.text import count
 
@@ -188,6 +190,8 @@ class _Known(Generic[Content]):
         The same of those without a cause that the best has, the larger first.
     widened : set
         Those that got all neighbours without leading.
+    unsampled : set
+        Those that could not be sampled, and keep their estimate.
     """
 
     catalogue: Sequence[str]
@@ -198,6 +202,7 @@ class _Known(Generic[Content]):
     done: dict[Ids, int] = field(default_factory=dict)
     detoured: dict[tuple[str, Ids], int] = field(default_factory=dict)
     widened: set[Ids] = field(default_factory=set)
+    unsampled: set[Ids] = field(default_factory=set)
 
     def _parts(self, model: Model[Content]) -> list[Model[Content]]:
         subsets = (ids for n in range(len(model.ids)) for ids in itertools.combinations(model.ids, n))
@@ -362,6 +367,14 @@ class _Known(Generic[Content]):
         if found.log_posterior > before.log_posterior + self.settings.better:
             self.done[before.ids] = 0
 
+    def settle(self, waiting: Sequence[Model[Content]]) -> None:
+        """Sample the first of some models; it keeps its estimate if no draw lies within its bounds."""
+        first, *others = waiting
+        try:
+            self.update(first, self.fitter.sample(first, Foreseen(tuple(others), (), self.models)))
+        except ConvergenceError:
+            self.unsampled.add(first.ids)
+
     def searched(self) -> Searched[Content]:
         """What was looked at."""
         final = {ids: replace(m, log_evidence=self.evidence(m)) for ids, m in self.models.items()}
@@ -399,8 +412,8 @@ def search(
         Whether the readings pass the tests of misfit by a model. Asked of one or two causes that lead, where others
         show, and of what leads in the end.
     decisive : callable
-        Sets whose probability decides what is said of the readings. Asked in the end; those that were not sampled are,
-        and the search goes on.
+        Sets that are probable enough to be reported for it. Asked in the end; those that were not sampled are, and the
+        search goes on.
     progress : callable
         Called with (what, models whose neighbours were fitted, models of which they are to be).
     """
@@ -443,10 +456,12 @@ def search(
                 known.widen(other, highest)
                 continue
             result = known.searched()
-            waiting = [models[ids] for ids in decisive(result) if not models[ids].sampled]
+            waiting = [
+                models[ids] for ids in decisive(result) if not models[ids].sampled and ids not in known.unsampled
+            ]
             if not waiting:
                 return result
-            known.update(waiting[0], fitter.sample(waiting[0]))
+            known.settle(waiting)
             continue
         best, *others = sorted(left, key=lambda m: (m.sampled and known.done[m.ids], -known.value(m), m.ids))
         if best.sampled:

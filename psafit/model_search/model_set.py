@@ -11,6 +11,7 @@ readings show". What shows is asked of each draw of a model's posterior (`psafit
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -95,7 +96,8 @@ class ModelSet:
     neighbours : bool
         As of `LookedAt`.
     at_work : dict
-        Probability of each set to be at work, whether it shows or not.
+        Probability of each set to be at work, whether it shows or not, with supersets that were not fitted; see
+        `completed`.
     """
 
     candidates: tuple[Candidate, ...]
@@ -231,6 +233,50 @@ def believed_anyway(ids: Ids, beliefs: Mapping[str, float]) -> float:
     return sum(max(math.log(beliefs[id]) - math.log1p(-beliefs[id]), 0.0) for id in ids)
 
 
+def completed(
+    mass: Mapping[Ids, float], log_evidence: Mapping[Ids, float], beliefs: Mapping[str, float], *, likely: float = 0.5
+) -> dict[Ids, float]:
+    """Log masses of sets, each with its supersets by causes that are likely beforehand and were not fitted with it.
+
+    A search fits the neighbours of what leads. Without this, what leads would have the mass of those supersets, and its
+    rivals would not. In them such a cause is taken to change the evidence as it did in the most probable set that was
+    fitted with it and without, and to raise it by nothing. Each superset counts once, with the largest set in it.
+
+    Parameters
+    ----------
+    mass : mapping
+        Log posterior probability of each set that was fitted, not normalised.
+    log_evidence : mapping
+    beliefs : mapping
+        Prior probabilities by which `mass` was worked out.
+    likely : float
+        Causes of this probability and more are at least as likely to be at work as not.
+    """
+    fitted = {frozenset(ids): ids for ids in mass}
+    believed = [id for id, p in beliefs.items() if p >= likely]
+    pairs = {
+        id: [(fitted[s - {id}], ids) for s, ids in fitted.items() if id in s and s - {id} in fitted] for id in believed
+    }
+    change = {}
+    for id in believed:
+        without, added = max(pairs[id], key=lambda pair: max(mass[pair[0]], mass[pair[1]]), default=((), ()))
+        change[id] = min(log_evidence[added] - log_evidence[without], 0.0) if added else 0.0
+        change[id] += math.log(beliefs[id]) - math.log1p(-beliefs[id])
+    parent: dict[frozenset[str], tuple[int, float, Ids]] = {}
+    for own, ids in fitted.items():
+        left = [id for id in believed if id not in own]
+        for n in range(1, len(left) + 1):
+            for more in itertools.combinations(left, n):
+                larger = own.union(more)
+                if larger not in fitted:
+                    found = (-n, mass[ids] + sum(change[id] for id in more), ids)
+                    parent[larger] = max(parent.get(larger, found), found)
+    total = dict(mass)
+    for _, value, ids in parent.values():
+        total[ids] = float(np.logaddexp(total[ids], value))
+    return total
+
+
 def rank(
     searched: Searched[Fitted],
     beliefs: Mapping[str, float],
@@ -253,21 +299,25 @@ def rank(
     """
     value = {ids: searched.models[ids].log_evidence for ids in sorted(searched.models, key=sorted)}
     samples = {ids: m.content.draws for ids, m in searched.models.items() if m.content.draws is not None}
-    mass = {ids: v + log_prior(ids, beliefs) for ids, v in value.items()}
-    error = np.array([samples[ids].standard_error if ids in samples else settings.doubt for ids in mass])
-    shaken = np.array(list(mass.values())) + error * np.random.default_rng(0).standard_normal((shakes, len(mass)))
-    chances = np.exp(shaken - logsumexp(shaken, axis=1, keepdims=True)).mean(axis=0)
-    at_work = dict(zip(mass, chances.tolist(), strict=True))
+    error = np.array([samples[ids].standard_error if ids in samples else settings.doubt for ids in value])
+    shaken = error * np.random.default_rng(0).standard_normal((shakes, len(value)))
     seen: dict[Ids, Effects] = {}
 
     def asked(wanted: Sequence[Ids]) -> dict[Ids, Effects]:
         seen.update(effects([ids for ids in wanted if ids not in seen]))
         return {ids: seen[ids] for ids in wanted if ids in seen}
 
-    share = shown(at_work, mass, asked)
-    anyway = {ids: believed_anyway(ids, beliefs) for ids in mass}
-    even = {ids: p * math.exp(-anyway[ids]) for ids, p in at_work.items()}
-    found = shown(even, {ids: m - anyway[ids] for ids, m in mass.items()}, asked)
+    def shares(believed: Mapping[str, float]) -> tuple[dict[Ids, float], dict[Ids, float]]:
+        mass = completed({ids: v + log_prior(ids, believed) for ids, v in value.items()}, value, believed)
+        each = np.array(list(mass.values())) + shaken
+        chances = np.exp(each - logsumexp(each, axis=1, keepdims=True)).mean(axis=0)
+        at_work = dict(zip(mass, chances.tolist(), strict=True))
+        return at_work, shown(at_work, mass, asked)
+
+    at_work, share = shares(beliefs)
+    mass = {ids: v + log_prior(ids, beliefs) for ids, v in value.items()}
+    # What is likely before any reading is no find of the readings.
+    _, found = shares({id: min(p, 0.5) for id, p in beliefs.items()})
     best = max(samples, key=lambda ids: (found[ids], mass[ids]))
     order = sorted(mass, key=lambda ids: (ids != best, -share[ids], -mass[ids]))
     return ModelSet(

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
@@ -27,8 +28,8 @@ VISIBLE = 2.5
 The power to see that is one half for a gain of two and a half standard deviations.
 """
 
-NEGLIGIBLE = 1e-3
-"""Share of the probability that is not asked about."""
+UNASKED = 1e-3
+"""Share of a probability, or of a model's draws, that is not asked about."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,8 @@ def effects(
     parts: Sequence[Candidate | None],
     seed: int,
     rounds: RoundSettings,
+    *,
+    visible: float = VISIBLE,
 ) -> Arrays:
     """Work out the effects of a model's causes, as arrays named like the fields of `Effects`.
 
@@ -75,6 +78,8 @@ def effects(
     seed : int
     rounds : RoundSettings
         Of the draws; of `draws` so many are taken as all rounds have.
+    visible : float
+        As `shown` takes it.
     """
     if draws is not None:
         n = rounds.draws * rounds.most
@@ -89,31 +94,41 @@ def effects(
     size = np.full((len(weights), len(parts)), np.inf)
     for k, (term, part) in enumerate(zip(candidate.terms, parts, strict=True)):
         if part is not None:
-            # A refit goes on in a straight line, from the draw without the cause or from the best of the model without
-            # it: the nearer counts. In units of the model's own scatter: the part's has taken some of the effect up.
-            without = part.problem.predict(u[:, problem.without(term)[1]])
-            left = [candidate.project_out(predicted - there, slope=part.slope) for there in (without, part.predicted)]
-            size[:, k] = np.linalg.norm(left, axis=2).min(axis=0)
+            # A refit goes on in a straight line: from the best of the model without the cause and, where the cause
+            # shows then, from the draw without it. The nearer counts. In units of the model's own scatter: the part's
+            # has taken some of the effect up.
+            size[:, k] = _left(candidate, predicted - part.predicted, part)
+            far = size[:, k] >= visible
+            if far.any():
+                without = part.problem.predict(u[far][:, problem.without(term)[1]])
+                size[far, k] = np.fmin(size[far, k], _left(candidate, predicted[far] - without, part))
     return {"weights": weights, "size": size}
 
 
-def may_hide(
-    part: float, whole: float, error: float, *, visible: float = VISIBLE, negligible: float = NEGLIGIBLE
-) -> bool:
-    """Whether more than a negligible share of a model's draws may be like those of a part.
+def _left(candidate: Candidate, effect: FloatArray, part: Candidate) -> FloatArray:
+    """What a refit of a part leaves of changes of the ranges, (n, n_points), in standard deviations of the scatter."""
+    return np.asarray(np.linalg.norm(candidate.project_out(effect, slope=part.slope), axis=1))
 
-    What does not show makes the likelihood better by ``visible**2 / 2`` nats at most.
+
+def may_hide(part: float, whole: float, error: float, *, visible: float = VISIBLE, unasked: float = UNASKED) -> bool:
+    """Whether more than a few of a model's draws may be like those of a part.
+
+    A cause of which the readings want an effect of r standard deviations makes the evidence better by ``r**2 / 2`` nats
+    at most. Its effect over the draws is normal about r: a share ``Phi(visible - r)`` of them does not show.
 
     Parameters
     ----------
     part, whole : float
         Log evidences.
     error : float
-        Of their difference, nats.
-    visible, negligible : float
-        As `shown` takes them.
+        What the difference may be smaller by, nats.
+    visible : float
+        Size from which an effect shows.
+    unasked : float
+        Share of the draws that is not asked about.
     """
-    return part - whole + error + visible**2 / 2 > math.log(negligible)
+    wanted = math.sqrt(2.0 * max(whole - part - error, 0.0))
+    return bool(ndtr(visible - wanted) > unasked)
 
 
 def shown(
@@ -122,7 +137,7 @@ def shown(
     effects: Effective,
     *,
     visible: float = VISIBLE,
-    negligible: float = NEGLIGIBLE,
+    unasked: float = UNASKED,
 ) -> dict[Ids, float]:
     """Probability of each set of causes to be at work visibly, and no other.
 
@@ -139,14 +154,14 @@ def shown(
         Asked for sets of one number of causes at a time, the largest first.
     visible : float
         Size from which an effect shows.
-    negligible : float
+    unasked : float
         Sets of one number of causes that have no more than this together are taken as they are.
     """
     left = dict(share)
     for n in sorted({len(ids) for ids in share if ids}, reverse=True):
         rising = sorted((ids for ids in share if len(ids) == n), key=lambda ids: left[ids])
         together = np.cumsum([left[ids] for ids in rising])
-        wanted = [ids for ids, p in zip(rising, together, strict=True) if p > negligible]
+        wanted = [ids for ids, p in zip(rising, together, strict=True) if p > unasked]
         for ids, found in effects(wanted).items():
             parts = reduced(ids)
             hidden = found.size < visible

@@ -9,12 +9,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 from truths import FEW
 
 from psafit.model_search import SearchSettings
 from psafit.model_search.fitter import Fitted
 from psafit.model_search.loop import Ids, Model, Searched
-from psafit.model_search.model_set import ModelSet, beliefs, log_prior, rank
+from psafit.model_search.model_set import ModelSet, beliefs, completed, log_prior, rank
 from psafit.model_search.visibility import Effective, Effects
 from psafit.physics import TERMS
 
@@ -45,6 +46,39 @@ def test_prior_probabilities_of_models_sum_to_one_and_expect_few_surprises() -> 
     assert believed["no_tension"] > 0.5 and believed["gap"] < 0.1
     surprises = sum(p for p in believed.values() if p < 0.5)
     assert 0.7 < surprises < 2.5
+
+
+def test_rivals_have_supersets_though_they_were_not_fitted() -> None:
+    """Shares are those of all sets fitted, where causes that are likely beforehand change every set alike."""
+    rng = np.random.default_rng(5)
+    some = {"a": 0.04, "b": 0.03, "x": 0.9, "y": 0.8, "z": 0.7}
+    sets = [ids for k in range(6) for ids in itertools.combinations(some, k)]
+    for _ in range(20):
+        own = {ids: float(rng.normal(0, 3)) for ids in [(), ("a",), ("b",), ("a", "b")]}
+        change = {id: -float(rng.exponential(1.5)) for id in "xyz"}
+        every = {
+            ids: own[tuple(i for i in ids if i in "ab")] + sum(change.get(i, 0.0) for i in ids) + log_prior(ids, some)
+            for ids in sets
+        }
+        evidence = {ids: value - log_prior(ids, some) for ids, value in every.items()}
+        leader = max(own, key=lambda ids: own[ids])
+        looked_at = {*own, *(ids for ids in sets if len(ids) == 1), *(tuple(sorted((*leader, id))) for id in "xyz")}
+        looked_at |= {ids for ids in sets if rng.uniform() < 0.2}
+        mass = {ids: every[ids] for ids in sets if ids in looked_at}
+        total = completed(mass, {ids: evidence[ids] for ids in mass}, some)
+        found = {ids: logsumexp([v for other, v in total.items() if {*other} & {*"ab"} == {*ids}]) for ids in own}
+        exact = {ids: logsumexp([v for other, v in every.items() if {*other} & {*"ab"} == {*ids}]) for ids in own}
+        assert found == {ids: pytest.approx(value, abs=1e-9) for ids, value in exact.items()}
+        assert completed(every, evidence, some) == every
+
+
+def test_a_cause_that_some_set_needs_makes_no_other_better_than_it_is() -> None:
+    """Nobody knows what it would do there: it counts as one that does nothing."""
+    some = {"a": 0.04, "b": 0.04, "x": 0.9}
+    evidence = {(): 0.0, ("a",): 20.0, ("a", "x"): 50.0, ("b",): 48.0}
+    mass = {ids: value + log_prior(ids, some) for ids, value in evidence.items()}
+    total = completed(mass, evidence, some)
+    assert total["b",] == pytest.approx(mass["b",] - math.log1p(-0.9)) and total["a", "x"] == mass["a", "x"]
 
 
 def test_draws_in_which_a_cause_does_not_show_are_counted_with_the_model_without_it() -> None:

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from psafit.inference.evidence import RoundSettings
+from psafit.inference.memory import Memory
 from psafit.model_search import ModelSet, SearchSettings
-from psafit.model_search.loop import Ids
+from psafit.model_search.fitter import Fitted, ProblemFitter
+from psafit.model_search.loop import Ids, Model
 from psafit.model_search.visibility import VISIBLE, Effects, effects, may_hide, shown
 
 LAG = ("amplifier_lag",)
@@ -39,10 +41,18 @@ def test_an_effect_is_what_least_squares_leave_of_it(hidden: ModelSet) -> None:
     assert found(hidden, LAG).size[:, 0] == pytest.approx(np.minimum(*sizes), rel=1e-3)
 
 
-def test_a_part_is_asked_about_where_draws_may_be_like_its_own() -> None:
-    """Whatever the draws: those in which a cause does not show hold no more of them than is said."""
-    assert may_hide(0.0, 0.0, 0.0) and may_hide(-9.0, 0.0, 0.0) and not may_hide(-11.0, 0.0, 0.0)
-    assert may_hide(-11.0, 0.0, 2.0) and not may_hide(-9.0, 0.0, 0.0, visible=1.0)
+@pytest.mark.parametrize("wanted", [3.0, 5.0, 5.5, 6.5])
+def test_a_part_is_asked_about_where_draws_may_be_like_its_own(wanted: float) -> None:
+    """One strength with a flat prior: what the readings want of it, its evidence and its draws are known."""
+    wide = 40.0  # standard deviations
+    effect = np.linspace(wanted - wide / 2, wanted + wide / 2, 20_001)
+    likelihood = np.exp(wanted * effect - effect**2 / 2)
+    gain = float(np.log(likelihood.mean()))
+    hidden = float(likelihood[np.abs(effect) < VISIBLE].sum() / likelihood.sum())
+    assert gain < wanted**2 / 2
+    assert may_hide(0.0, gain, 0.0) or hidden < 1e-3
+    assert may_hide(0.0, gain, 4.0) or hidden < 1e-4
+    assert not may_hide(0.0, 40.0, 0.0) and may_hide(0.0, 40.0, 30.0)
 
 
 def test_a_cause_that_does_nothing_in_a_draw_does_not_show_there_wherever_it_is(hidden: ModelSet) -> None:
@@ -112,7 +122,7 @@ def test_probabilities_move_to_parts_down_to_nothing() -> None:
                     end[max(parts, key=lambda part: mass[part])] += before * weight
                     end[ids] -= before * weight
         after = shown(
-            share, mass, lambda wanted, seen=seen: {ids: seen[ids] for ids in wanted if ids in seen}, negligible=0.0
+            share, mass, lambda wanted, seen=seen: {ids: seen[ids] for ids in wanted if ids in seen}, unasked=0.0
         )
         assert sum(after.values()) == pytest.approx(1) and min(after.values()) >= 0
         assert after == {ids: pytest.approx(p, abs=1e-12) for ids, p in end.items()}
@@ -131,3 +141,19 @@ def test_what_a_larger_set_leaves_to_a_smaller_one_is_asked_about_there() -> Non
     unseen = {ids: Effects(np.ones(1), np.zeros((1, len(ids)))) for ids in share if ids}
     after = shown(share, mass, lambda wanted: {ids: unseen[ids] for ids in wanted})
     assert after[()] == pytest.approx(1, abs=1e-5) and after["a", "b"] == 0
+
+
+def test_a_search_asks_about_parts_that_come_near_alone(hidden: ModelSet) -> None:
+    """A part 50 nats lower has no draws of the set; one whose fit may fall short by so much may have."""
+    both = next(ids for ids in hidden.at_work if len(ids) == 2 and {*LAG, "reading_offset"} == {*ids})
+    own = hidden.of(both)
+    fitter = ProblemFitter(hidden.baseline.problem, own.terms, SearchSettings(), 1, Memory(None))
+    for lower, earnest, seen in ((50.0, True, False), (20.0, True, False), (20.0, False, True), (0.0, True, True)):
+        part = Model(LAG, -lower, 0.0, False, Fitted(hidden.of(LAG)), earnest=earnest)
+        models = {LAG: part, both: Model(both, 0.0, 0.0, False, Fitted(own))}
+        size = fitter.effects(models, [both])[both].size[:, both.index("reading_offset")]
+        assert np.isfinite(size).all() == seen
+
+
+def test_what_has_five_per_cent_was_sampled(hidden: ModelSet) -> None:
+    assert hidden.likely and {*hidden.likely} <= {*hidden.samples}
