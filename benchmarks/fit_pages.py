@@ -31,6 +31,7 @@ sys.path.insert(0, str(ROOT))
 from psafit.api import Rig
 from psafit.challenge.hide import make
 from psafit.challenge.score import percent, rate
+from psafit.diagnose.retest import retest
 from psafit.experiment import read_experiment
 from psafit.physics.baseline import PARAMETERS
 from psafit.validate import caution, predicts, validate
@@ -47,7 +48,7 @@ def measure(seed: int, least: float, most: float) -> dict[str, Any]:
         made = make(seed, Path(folder) / "made", design_of=design, kind="one", strength=nats)
         first = made.experiment.ids[0]
         run = Rig(made.experiment).fit(first, sampler="importance", out=Path(folder) / "fit", seed=seed, quiet=True).run
-        validation, _ = validate(run)
+        validation, _ = validate(run, retest=retest)
     outside, determined = [], []
     for s in run.summary.parameters:
         if s.name in {p.name for p in PARAMETERS} and s.verdict == "determined":

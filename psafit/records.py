@@ -500,11 +500,32 @@ class Broken:
 
 
 @dataclass(frozen=True, repr=False)
+class Retested:
+    """The tests of misfit of a fit's model, fitted to all groups of its experiment.
+
+    Parameters
+    ----------
+    objection : {"", "tests", "together", "tails"}
+        What speaks against the model: the tests, readings of several groups that stand out at one condition, or that it
+        passes by heavy tails alone.
+    p_value : float
+        Of what speaks against it, or of the tests.
+    n_simulated : int
+        Data sets simulated from the fit.
+    """
+
+    objection: Literal["", "tests", "together", "tails"]
+    p_value: float
+    n_simulated: int
+
+
+@dataclass(frozen=True)
 class Validation(Brief):
     """`validation.json`: the posterior predictive against every group; the table is in `predictions.csv`.
 
     `holdout_log_rmse` is the mean over the informative groups that were held out, None without any; `laws` are those
-    that the model breaks at its best values (`psafit.inference.laws`).
+    that the model breaks at its best values (`psafit.inference.laws`); `all_groups` is None where a model was not
+    tested on all of them, as those that a diagnosis has named and tested itself.
     """
 
     _in_repr = ("holdout_log_rmse", "n_draws", "seed")
@@ -516,6 +537,7 @@ class Validation(Brief):
     holdout_log_rmse: float | None
     pit: dict[str, list[float]]
     laws: list[Broken] = field(default_factory=list)
+    all_groups: Retested | None = None
 
 
 def plain(value: Any) -> Any:

@@ -18,7 +18,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -37,7 +37,7 @@ from psafit.inference.laws import broken
 from psafit.inference.problem import Problem
 from psafit.inference.run_folder import Run
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable, recorded_name
-from psafit.records import GroupScore, Size, Validation, write_json
+from psafit.records import GroupScore, Retested, Size, Validation, write_json
 from psafit.simulate import Design
 from psafit.simulate import readings as readings_of
 from psafit.text import fixed
@@ -486,7 +486,22 @@ def caution(validation: Validation) -> str:
     mean = validation.holdout_log_rmse
     if mean is not None and mean > GOOD:
         return f"the groups it has not seen are {'missed' if mean > FAIR else 'roughly followed'}"
-    return ""
+    return objection(validation)
+
+
+def objection(validation: Validation) -> str:
+    """What speaks against the model where it is fitted to all groups together; empty where nothing does."""
+    whole = validation.all_groups
+    if whole is None or not whole.objection:
+        return ""
+    return f"fitted to all readings, the model {_OBJECTIONS[whole.objection]} (p = {whole.p_value:.3f})"
+
+
+_OBJECTIONS = {
+    "tests": "fails the tests of misfit",
+    "together": "misses readings of several groups at one condition",
+    "tails": "passes the tests of misfit by heavy tails alone",
+}
 
 
 def _ids(scores: Iterable[GroupScore]) -> str:
@@ -582,20 +597,34 @@ def verdict(
     return "; ".join(parts)
 
 
-def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Prediction]]:
+Retest = Callable[[Run], Retested | None]
+"""Tests a fit's model on all groups; `psafit.diagnose.retest` has one."""
+
+
+def validate(
+    run: Run, *, n_draws: int = 1000, retest: Retest = lambda run: None
+) -> tuple[Validation, list[Prediction]]:
     """Score every group and write `validation.json` and `predictions.csv` into the run folder.
+
+    Parameters
+    ----------
+    run : Run
+    n_draws : int
+        Posterior draws used, evenly spread over the chains.
+    retest : callable
+        Tests the model on all groups, too.
 
     Returns
     -------
     Validation, list of Prediction
     """
-    record, predictions = scored(run, n_draws)
+    record, predictions = scored(run, n_draws, retest)
     write_json(run.folder / "validation.json", record)
     write_predictions(run.folder / "predictions.csv", predictions)
     return record, predictions
 
 
-def scored(run: Run, n_draws: int = 1000) -> tuple[Validation, list[Prediction]]:
+def scored(run: Run, n_draws: int = 1000, retest: Retest = lambda run: None) -> tuple[Validation, list[Prediction]]:
     """Score every group, as `validate` does, and write nothing."""
     predictions = predict(run, n_draws=n_draws)
     scores = scores_of(predictions)
@@ -608,6 +637,7 @@ def scored(run: Run, n_draws: int = 1000) -> tuple[Validation, list[Prediction]]
         holdout_log_rmse=float(np.mean(held_out)) if held_out else None,
         pit={p.group.label: p.pit.tolist() for p in predictions},
         laws=broken(candidate_at(run.problem, run.problem.to_sampling(run.best)[None])),
+        all_groups=retest(run),
     )
     return record, predictions
 

@@ -19,7 +19,7 @@ from psafit.inference import run as running
 from psafit.inference.optimiser import log_posteriors
 from psafit.inference.problem import Problem
 from psafit.physics import terms
-from psafit.records import Broken
+from psafit.records import Broken, Retested, Validation, read_json
 from psafit.validate import verdict
 
 
@@ -235,6 +235,30 @@ def test_a_fit_that_breaks_a_law_is_doubted(checked, monkeypatch: pytest.MonkeyP
     assert validate.caution(broken) == "the best values break a law (group 1, 200 Hz, 20 V: more than the drive gives)"
     monkeypatch.undo()
     assert found.laws == validate.validate(run)[0].laws == []
+
+
+def test_a_fit_whose_model_fails_on_all_readings_is_doubted(checked) -> None:  # type: ignore[no-untyped-def]
+    """It is asked with the run, kept, and said where nothing else speaks against its values."""
+    run, found = checked[0], checked[1]
+    asked = []
+    answers = Retested("tests", 0.005, 199)
+    record, _ = validate.validate(run, n_draws=100, retest=lambda one: asked.append(one) or answers)
+    assert asked == [run] and read_json(run.folder / "validation.json", Validation).all_groups == answers
+    assert found.all_groups is None and not validate.objection(found)
+    good = [replace(found.groups[0], role="holdout", n_points=60, coverage_90=0.9, drift_p_value=0.5, log_rmse=0.05)]
+    model = "fitted to all readings, the model"
+    for objection, why in (
+        ("", ""),
+        ("tests", f"{model} fails the tests of misfit (p = 0.005)"),
+        (
+            "together",
+            f"{model} misses readings of several groups at one condition (p = 0.005)",
+        ),
+        ("tails", f"{model} passes the tests of misfit by heavy tails alone (p = 0.005)"),
+    ):
+        judged = replace(record, groups=good, holdout_log_rmse=0.05, all_groups=replace(answers, objection=objection))
+        assert validate.caution(judged) == why
+        assert validate.caution(replace(judged, holdout_log_rmse=1.0)).startswith("the groups it has not seen")
 
 
 def test_one_unseen_group_that_fails_is_not_averaged_away(checked) -> None:  # type: ignore[no-untyped-def]

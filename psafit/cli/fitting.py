@@ -140,10 +140,11 @@ def fit(
             numerics = audit(result)
             if not no_report:
                 whole.stage("validate")
+                from psafit.diagnose.retest import retest
                 from psafit.report.fit import write_report
                 from psafit.validate import validate as check_predictions
 
-                validation, predictions = check_predictions(result)
+                validation, predictions = check_predictions(result, retest=retest)
                 whole.stage("report")
                 page = write_report(result, validation, predictions, numerics)
     write_result(json_file, {"fit": result.fit, "posterior": result.summary})
@@ -162,11 +163,12 @@ def fit(
 @JSON
 def validate(run: Path, quiet: bool, json_file: Path | None) -> int:
     """Check a run's posterior against the groups it never saw."""
+    from psafit.diagnose.retest import retest
     from psafit.inference.run_folder import load
     from psafit.validate import validate as check_predictions
 
     refuse_run_file(json_file, run)
-    validation, _ = check_predictions(load(run))
+    validation, _ = check_predictions(load(run), retest=retest)
     write_result(json_file, validation)
     if not quiet:
         print_scores(validation)

@@ -46,6 +46,7 @@ from psafit.validate import (
     Predicts,
     caution,
     coverage,
+    objection,
     predicts,
     shows_trends,
     some_draws,
@@ -209,8 +210,10 @@ def what_it_predicts(validation: Validation) -> Markup:
 
 
 def verdict_of(validation: Validation) -> dict[str, str]:
-    """Whether the fit predicts what it never saw, in a word."""
+    """Whether the fit predicts what it never saw, in a word; never in green where its values may be off."""
     text, kind, _ = _PREDICTS[predicts(validation)]
+    if kind == "good" and caution(validation):
+        return {"text": f"{text}, values in doubt", "kind": "warn"}
     return {"text": text, "kind": kind}
 
 
@@ -229,10 +232,20 @@ def _what_is_wrong(run: Run, validation: Validation) -> Markup:
             " for its cause."
         ).format(groups(drifting))
     head = Markup("<strong>What is wrong?</strong>")
-    said = [head, trend, _what_is_not_determined(run), *_what_is_implausible(run)]
+    said = [head, trend, *_on_all_readings(validation), _what_is_not_determined(run), *_what_is_implausible(run)]
     if lagging := overdamped(run.problem, run.summary.parameters):
         said.append(Markup("{}.").format(typeset(lagging)))
     return Markup(" ").join(said)
+
+
+def _on_all_readings(validation: Validation) -> list[Markup]:
+    """What the tests of misfit say of the model, fitted to all groups, where they were made."""
+    whole = validation.all_groups
+    if whole is None:
+        return []
+    passes = f"fitted to all readings, the model passes the tests of misfit (p = {whole.p_value:.2f})"
+    said = objection(validation) or passes
+    return [Markup("{}.").format(said[0].upper() + said[1:])]
 
 
 def _informative(validation: Validation, role: str) -> list[GroupScore]:

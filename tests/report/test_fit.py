@@ -22,7 +22,7 @@ from fits_by_hand import (
 from reader import HOSTILE, Reader
 
 from psafit.inference.run_folder import Run
-from psafit.records import plain
+from psafit.records import Retested, plain
 from psafit.report import fit, wording
 from psafit.report.fit import write_report
 from psafit.report.fit_pictures import middle_words, pictured, shown_groups
@@ -211,10 +211,26 @@ def test_a_fit_that_is_too_sure_does_not_predict(tmp_path):
     assert "Does it predict what it has not seen?" in text and "surer than it may be" in text and "dequate" not in text
     honest = replace(narrow, groups=[replace(s, coverage_90=0.9) for s in near])
     assert fit.verdict_of(honest) == {"text": "predicts", "kind": "good"}
+    tested = replace(honest, all_groups=Retested("tests", 0.005, 199))
+    assert fit.verdict_of(tested) == {"text": "predicts, values in doubt", "kind": "warn"}
     trend = replace(honest, groups=[*honest.groups[:-1], replace(honest.groups[-1], drift_p_value=0.001)])
     assert fit.verdict_of(trend) == {"text": "comes near, misses a trend", "kind": "warn"}
     kinds = [[row[4]["kind"] for row in fit.parameter_rows(run, doubted)] for doubted in (False, True)]
     assert "good" in kinds[0] and "good" not in kinds[1]
+
+
+def test_what_a_fit_to_all_readings_misses_is_on_the_page(tmp_path):
+    run = make_run(tmp_path)
+    predictions = make_predictions(run)
+    validation = make_validation(run, predictions)
+    for found, said in (
+        (None, ""),
+        (Retested("", 0.431, 199), "Fitted to all readings, the model passes the tests of misfit (p = 0.43)."),
+        (Retested("tails", 0.015, 199), "passes the tests of misfit by heavy tails alone (p = 0.015)."),
+    ):
+        asked = replace(validation, all_groups=found)
+        text = Reader(write_report(run, asked, predictions, make_numerics(run)).read_text("utf-8")).text
+        assert said in text and ("Fitted to all readings" in text) is (found is not None)
 
 
 def test_sweeps_that_could_show_no_trend_are_not_said_to_show_none(tmp_path):
