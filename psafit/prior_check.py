@@ -88,7 +88,7 @@ def with_scale(experiment: Experiment, settings: ScaleSettings | None = None) ->
 def _is_explained(experiment: Experiment, group: Group) -> bool:
     """Whether the scale of a group's readings hangs on what is suspicious itself."""
     constants = group.rig(experiment.constants)
-    facts = contradicted(experiment.rig, constants) if experiment.rig else []
+    facts = contradicted(experiment.rig, constants, experiment.beliefs) if experiment.rig else []
     return bool(facts or suspicious_constants(constants) or suspicious_conditions(group))
 
 

@@ -195,13 +195,16 @@ def plugin_words() -> list[object]:
     return [word for file in plugins.files() for word in ("--plugin", file)]
 
 
-def print_scores(validation: Any) -> None:
-    """Print how each group was predicted, and why the values of the fit may stand in for something else."""
+def print_scores(validation: Any, *, extended: bool) -> None:
+    """Print how each group was predicted, and why the values of the fit may stand in for something else.
+
+    Of a model that causes extend, a diagnosis may have said more.
+    """
     from psafit.validate import caution, drifting
 
     if why := caution(validation):
         click.echo(f"{why}{STANDING_IN}")
-    if drifting(validation):
+    if extended and drifting(validation):
         click.echo(
             "a diagnosis weighs drifts more carefully: where one has named this model and found nothing left, go by it"
         )

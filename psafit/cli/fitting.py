@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -142,6 +143,7 @@ def fit(
                 whole.stage("validate")
                 from psafit.diagnose.retest import retest
                 from psafit.report.fit import write_report
+                from psafit.validate import caution
                 from psafit.validate import validate as check_predictions
 
                 validation, predictions = check_predictions(result, retest=retest)
@@ -151,8 +153,10 @@ def fit(
     if not quiet:
         _say_fit(result, numerics)
         if not no_report:
-            print_scores(validation)
+            print_scores(validation, extended=bool(chosen))
             click.echo(f"report: {shown_path(page)}")
+            if not chosen and caution(validation):
+                click.echo(f"what is missing: psafit diagnose {shlex.quote(shown_path(experiment))} --quick")
     return DONE if result.summary.converged and numerics.converged else CHECK_FAILED
 
 
@@ -168,10 +172,11 @@ def validate(run: Path, quiet: bool, json_file: Path | None) -> int:
     from psafit.validate import validate as check_predictions
 
     refuse_run_file(json_file, run)
-    validation, _ = check_predictions(load(run), retest=retest)
+    loaded = load(run)
+    validation, _ = check_predictions(loaded, retest=retest)
     write_result(json_file, validation)
     if not quiet:
-        print_scores(validation)
+        print_scores(validation, extended=bool(loaded.fit.terms))
     return DONE
 
 

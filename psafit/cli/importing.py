@@ -226,7 +226,9 @@ def _columns_text(table: Table) -> list[str]:
     lines += [f"  not used: {', '.join(map(repr, table.unused))}"] if table.unused else []
     for heading, labels in table.labelled:
         grouped = shlex.quote(f"{heading}=group")
-        lines.append(f"  {heading!r} has {labels} labels; --column {grouped} makes a group of each")
+        lines.append(
+            f"  {heading!r} has {labels} labels; --column {grouped} makes a group of each (with another --out)"
+        )
     for heading, known in table.errors:
         said = shlex.quote(f"{heading}={known}")
         lines.append(f"  {heading!r} may hold the known error of each reading; if so, say --column {said}")
@@ -261,10 +263,13 @@ def _next(imported: Imported, out: Path) -> None:
     """What to do with the folder."""
     from psafit.experiment import DEFINITION
 
-    place = shlex.quote(shown_path(out))
-    click.echo(
-        f"wrote {shown_path(out / DEFINITION)} and {count(sum(len(t.groups) for t in imported.tables), 'group')}"
-    )
+    place, groups = shlex.quote(shown_path(out)), [g for t in imported.tables for g in t.groups]
+    click.echo(f"wrote {shown_path(out / DEFINITION)} and {count(len(groups), 'group')}")
+    if len(groups) == 1 and len({*groups[0].frequency_hz}) > 1 and len({*groups[0].amplitude_v}) > 1:
+        click.echo(
+            "one group, in which frequency and amplitude vary: if these are several sweeps, give each its own file, or"
+            " a label in a column that --column LABEL=group names; a fit to one group is judged by the others"
+        )
     then = f"psafit check {place}"
     if imported.missing:
         file = shown_path(out / DEFINITION)

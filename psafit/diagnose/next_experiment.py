@@ -229,8 +229,13 @@ class NextExperiment:
     def of(
         cls, found: Sequence[Proposal], purpose: Purpose, weak: bool | None = None, *, most: int = 5
     ) -> NextExperiment:
-        """Return the best of some proposals, `most` of them, one that leaves the rig as it is among them."""
-        return cls(purpose.say(PLAIN), _first(found, most, lambda p: p.as_it_is), purpose, weak)
+        """Return the best of some proposals, `most` of them, one that leaves the rig as it is among them.
+
+        Those that are worth the measurement come first.
+        """
+        every = cls(purpose.say(PLAIN), list(found), purpose, weak)
+        ranked = sorted(found, key=lambda p: not every.worth_measuring(p))
+        return replace(every, proposals=_first(ranked, most, lambda p: p.as_it_is))
 
     @property
     def separates(self) -> bool:

@@ -109,7 +109,7 @@ def read_experiment(folder: str | Path) -> Experiment:
             *warnings,
             *left_from_example(title, source, constants, groups),
             *dict.fromkeys(line for rig in rigs for line in suspicious_constants(rig)),
-            *(suspicious_facts(plan.rig, constants, groups) if plan.rig else ()),
+            *(suspicious_facts(plan.rig, constants, groups, plan.beliefs) if plan.rig else ()),
             *(line for group in groups for line in suspicious_readings(group, group.rig(constants))),
             *jumps,
             *copied_groups(groups),

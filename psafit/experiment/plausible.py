@@ -18,6 +18,7 @@ from psafit.experiment.rig import MATERIALS, Rig, is_rated_stroke
 from psafit.experiment.table import read_csv, readings_of
 from psafit.experiment.text import one_line
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable, in_another_unit
+from psafit.parameters import Belief
 
 _EXAMPLE = "EXAMPLE, replace:"
 _POWER = "is a power of ten wrong?"
@@ -95,17 +96,21 @@ def suspicious_constants(constants: Constants) -> list[str]:
     return [f"{DEFINITION}: {text}" for text in _outside(constants, _CONSTANTS)]
 
 
-def suspicious_facts(rig: Rig, constants: Constants, groups: Sequence[Group]) -> list[str]:
+def suspicious_facts(
+    rig: Rig, constants: Constants, groups: Sequence[Group], beliefs: Sequence[Belief] = ()
+) -> list[str]:
     """One line for each fact outside what such rigs have, or against another, or against the drive."""
-    found = [*contradicted(rig, constants), *_suspicious_rating(rig, groups)]
+    found = [*contradicted(rig, constants, beliefs), *_suspicious_rating(rig, groups)]
     return [f"{DEFINITION}: [rig] {text}" for text in found]
 
 
-def contradicted(rig: Rig, constants: Constants) -> list[str]:
-    """What is asked of facts outside what such rigs have, or against a constant."""
-    found = [*_outside(rig, _FACTS), *_suspicious_ball(rig, constants)]
+def contradicted(rig: Rig, constants: Constants, beliefs: Sequence[Belief] = ()) -> list[str]:
+    """What is asked of facts outside what such rigs have, or against a constant that no belief speaks of."""
+    ball = _suspicious_ball(rig, constants)
+    found = [*_outside(rig, _FACTS), *ball]
     if rig.rated_stroke is None or rig.rated_voltage is None or is_rated_stroke(rig, constants):
-        found += _suspicious_stack(rig, constants)
+        if not any(b.name == "modal_mass_ratio" for b in beliefs):  # else somebody says how m was found
+            found += _suspicious_stack(rig, constants, ball_is_right=rig.ball_radius is not None and not ball)
     else:
         found.append(
             f"rated_stroke over rated_voltage is {rig.rated_stroke / rig.rated_voltage:.3g} m/V, constant"
@@ -194,7 +199,9 @@ def _suspicious_ball(rig: Rig, constants: Constants, factor: float = 1.33) -> li
     return [f"a {kind} ball of radius {rig.ball_radius:g} m weighs {weighs}, constant M = {constants.M:g} kg; {guess}"]
 
 
-def _suspicious_stack(rig: Rig, constants: Constants, strain: float = 1e-3, factor: float = 9.0) -> list[str]:
+def _suspicious_stack(
+    rig: Rig, constants: Constants, *, ball_is_right: bool, strain: float = 1e-3, factor: float = 9.0
+) -> list[str]:
     r"""A mass that a stack of this stiffness and stroke does not have.
 
     A column of length :math:`L` and section `A` has :math:`k_s = E A/L` and weighs
@@ -204,6 +211,8 @@ def _suspicious_stack(rig: Rig, constants: Constants, strain: float = 1e-3, fact
     ----------
     rig : Rig
     constants : Constants
+    ball_is_right : bool
+        Whether the ball's mass agrees with its radius: then it was not swapped with that of the stack.
     strain : float
         Rated stroke of a multilayer stack over its length: makers' usual figure.
     factor : float
@@ -216,8 +225,8 @@ def _suspicious_stack(rig: Rig, constants: Constants, strain: float = 1e-3, fact
     usual = pzt.density * constants.k_s * (rig.rated_stroke / strain) ** 2 / pzt.modulus
     if 1 / factor <= constants.m / usual <= factor:
         return []
-    guess = "is one of them in another unit?"
-    if 1 / factor <= constants.M / usual <= factor:
+    guess = "is one of them in another unit? If a head is part of m, go on: [prior.modal_mass_ratio] says so"
+    if not ball_is_right and 1 / factor <= constants.M / usual <= factor:
         guess = f"constant M = {constants.M:g} kg is nearer: are m, of the stack, and M, of the ball, swapped?"
     return [
         f"a stack of rated_stroke = {rig.rated_stroke:g} m and k_s = {constants.k_s:g} N/m weighs about {usual:.2g} kg,"

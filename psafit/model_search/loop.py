@@ -367,13 +367,20 @@ class _Known(Generic[Content]):
         if found.log_posterior > before.log_posterior + self.settings.better:
             self.done[before.ids] = 0
 
-    def settle(self, waiting: Sequence[Model[Content]]) -> None:
-        """Sample the first of some models; it keeps its estimate if no draw lies within its bounds."""
+    def settle(self, wanted: Sequence[Ids]) -> bool:
+        """Sample the first of some sets that was not; False where none is left.
+
+        One keeps its estimate if no draw lies within its bounds.
+        """
+        waiting = [self.models[ids] for ids in wanted if not self.models[ids].sampled and ids not in self.unsampled]
+        if not waiting:
+            return False
         first, *others = waiting
         try:
             self.update(first, self.fitter.sample(first, Foreseen(tuple(others), (), self.models)))
         except ConvergenceError:
             self.unsampled.add(first.ids)
+        return True
 
     def searched(self) -> Searched[Content]:
         """What was looked at."""
@@ -456,13 +463,9 @@ def search(
                 known.widen(other, highest)
                 continue
             result = known.searched()
-            waiting = [
-                models[ids] for ids in decisive(result) if not models[ids].sampled and ids not in known.unsampled
-            ]
-            if not waiting:
-                return result
-            known.settle(waiting)
-            continue
+            if known.settle(decisive(result)):
+                continue
+            return result
         best, *others = sorted(left, key=lambda m: (m.sampled and known.done[m.ids], -known.value(m), m.ids))
         if best.sampled:
             known.expand(best, highest)

@@ -159,6 +159,17 @@ def test_one_proposal_leaves_the_rig_as_it_is(sound):
     assert [not possible[k].changed for k in kept] == [False] * 11 + [True]
 
 
+def test_what_is_worth_its_measurement_comes_before_what_is_not():
+    """Though it takes another rig: the other proposal may do nothing at all."""
+    here = next_experiment.Proposal("here", "sine", [1.0], [1.0], {}, 0.07, None, 0.07)
+    other = replace(here, text="ball", constants={"M": 0.002}, separation=0.31, error=0.08)
+    purpose = next_experiment.Purpose("narrow", parameter="c_c")
+    for found, first, worth in (([here, other], "ball", True), ([here, replace(other, error=0.2)], "here", False)):
+        one = next_experiment.NextExperiment.of(found, purpose)
+        assert one.proposals[0].text == first and bool(one.recommended) is worth
+        assert len(one.proposals) == 2
+
+
 def test_another_observable_must_do_markedly_more():
     """An instrument that is not there yet has its price, as a rig that must be built has."""
     one = next_experiment.Proposal("ranges", "sine", [1.0], [1.0], {}, 1.0, None, 0.01)

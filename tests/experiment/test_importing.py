@@ -292,6 +292,16 @@ def test_a_column_of_labels_over_blocks_of_rows_is_proposed_as_groups(
     assert not ignored.labelled
 
 
+@pytest.mark.parametrize(("volts", "several"), [("20", False), ("40", True)])
+def test_sweeps_that_have_become_one_group_are_asked_about(
+    volts: str, several: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(Path("a.csv"), f"f (Hz);Vp;Range (um)\n1000;20;76\n1500;20;70\n1000;{volts};150\n1500;{volts};140\n")
+    assert run(monkeypatch, "import", "a.csv", "--waveform", "sine", "--out", "rig") == 0
+    assert ("\none group, in which frequency and amplitude vary: if" in capsys.readouterr().out) is several
+
+
 def test_an_import_prints_its_labels_and_proposes_what_new_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -302,7 +312,7 @@ def test_an_import_prints_its_labels_and_proposes_what_new_does(
     given = ["--waveform", "sine", "--set", "cycles=5:periods", "--set", "phase_deg=-30", "--out", "rig"]
     assert run(monkeypatch, "import", "a.csv", *given) == 0
     printed = capsys.readouterr().out
-    assert "\n  'Day 1' has 3 labels; --column 'Day 1=group' makes a group of each\n" in printed
+    assert "\n  'Day 1' has 3 labels; --column 'Day 1=group' makes a group of each (with another --out)\n" in printed
     assert "group 1: sine at -30 degrees for 5 periods, 6 readings" in printed
     assert run(monkeypatch, "new", "begun") == 0
     written, begun = (Path(folder, "experiment.toml").read_text("utf-8") for folder in ("rig", "begun"))

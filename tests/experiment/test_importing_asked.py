@@ -115,6 +115,16 @@ def test_what_is_made_of_a_quantity_is_none_by_itself(column: str, name: str, tm
     assert {"frequency_hz": group.frequency_hz, "amplitude_v": group.amplitude_v}.get(column, group.reading)[0] == 40.0
 
 
+def test_who_is_asked_how_volts_of_a_drive_from_0_v_are_counted_hears_that_two_ways_are_the_same(
+    tmp_path: Path,
+) -> None:
+    content, same = "f (Hz);Amplitude (V);Range (um)\n1200;40;76\n1300;40;70\n", "(the first two are the same number"
+    for waveforms, known in ((("unipolar_sine",), True), (("sine",), False), ((), False)):
+        assert (same in refused(tmp_path, content, waveforms=waveforms)) is known
+    tops = [tables(tmp_path, content, waveforms=("unipolar_sine",), volts=way)[0].groups[0] for way in ("peak", "pp")]
+    assert tops[0].amplitude_v.tolist() == tops[1].amplitude_v.tolist() == [40.0, 40.0]
+
+
 @pytest.mark.parametrize("name", ["Vpp/2 (V)", "-Vpp (V)"])
 def test_volts_of_an_altered_heading_are_counted_by_the_user(name: str, tmp_path: Path) -> None:
     asked = refused(tmp_path, f"f (Hz);{name};Range (um)\n1200;40;76\n", columns=(mapped(f"{name}=amplitude_v"),))

@@ -229,6 +229,18 @@ def test_masses_of_ball_and_stack_that_are_swapped_are_reported(facts: str, said
     assert not read_experiment(write(tmp_path / "right", f"{TOML}[rig]\n{facts}\n")).warnings
 
 
+def test_a_heavy_stack_next_to_a_ball_of_the_right_mass_is_no_swap(tmp_path: Path) -> None:
+    """A head may be glued on; nothing is asked where a prior says how its mass was found."""
+    heavy = TOML.replace("\nm = 0.005", "\nm = 0.05") + "[rig]\nrated_stroke = 17.4e-6\n"
+    steel = 'ball_radius = 0.0094\nball_material = "steel"\n'
+    (warning,) = read_experiment(write(tmp_path / "heavy", heavy + steel)).warnings
+    assert "swapped" not in warning and "If a head is part of m, go on" in warning
+    (without,) = read_experiment(write(tmp_path / "unknown", heavy.replace("M = 0.027", "M = 0.005"))).warnings
+    assert "are m, of the stack, and M, of the ball, swapped?" in without
+    weighed = '[prior.modal_mass_ratio]\nmedian = 1\nfactor = 1.1\nsource = "weighed"\n'
+    assert not read_experiment(write(tmp_path / "weighed", heavy + steel + weighed)).warnings
+
+
 def test_a_stroke_in_another_unit_is_not_taken_for_a_swap(tmp_path: Path) -> None:
     facts = FACTS.replace("rated_stroke = 17.4e-6", "rated_stroke = 17.4e-5")
     (warning,) = read_experiment(write(tmp_path, TOML + facts)).warnings

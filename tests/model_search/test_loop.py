@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from psafit.errors import ConvergenceError
 from psafit.model_search.loop import Foreseen, Ids, Model, Searched, _Known, enlarged, exchanged, search
 from psafit.model_search.settings import SearchSettings
 
@@ -114,6 +115,19 @@ def test_what_decides_is_sampled_though_the_search_need_not_go_on_from_it() -> N
     assert search(CATALOGUE, alone, flat).models["a", "b"].log_evidence == pytest.approx(20.9)
     assert search(CATALOGUE, asked, flat, decisive=decisive).models["a", "b"].log_evidence == 19.0
     assert asked.sampled == [*alone.sampled, ("a", "b")]
+
+
+def test_what_decides_and_cannot_be_sampled_keeps_its_estimate() -> None:
+    class Stuck(Fake):
+        def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
+            if model.ids == ("a", "b"):
+                raise ConvergenceError("no draw lies within the bounds")
+            return super().sample(model, foreseen)
+
+    fake = Stuck(additive({"a": 20.0}), error=lambda ids: 1.9 * (ids == ("a", "b")))
+    found = search(CATALOGUE, fake, flat, decisive=lambda found: [("a", "c"), ("a", "b"), ("a",)])
+    assert found.models["a", "c"].sampled and not found.models["a", "b"].sampled
+    assert found.models["a", "b"].log_evidence == pytest.approx(20.9)
 
 
 def test_a_model_that_has_risen_since_it_was_sampled_has_no_less_evidence() -> None:

@@ -49,7 +49,7 @@ def test_prior_probabilities_of_models_sum_to_one_and_expect_few_surprises() -> 
 
 
 def test_rivals_have_supersets_though_they_were_not_fitted() -> None:
-    """Shares are those of all sets fitted, where causes that are likely beforehand change every set alike."""
+    """Shares are those of all sets fitted, where causes that are likely beforehand change every set by the same."""
     rng = np.random.default_rng(5)
     some = {"a": 0.04, "b": 0.03, "x": 0.9, "y": 0.8, "z": 0.7}
     sets = [ids for k in range(6) for ids in itertools.combinations(some, k)]
@@ -61,10 +61,10 @@ def test_rivals_have_supersets_though_they_were_not_fitted() -> None:
             for ids in sets
         }
         evidence = {ids: value - log_prior(ids, some) for ids, value in every.items()}
-        leader = max(own, key=lambda ids: own[ids])
-        looked_at = {*own, *(ids for ids in sets if len(ids) == 1), *(tuple(sorted((*leader, id))) for id in "xyz")}
-        looked_at |= {ids for ids in sets if rng.uniform() < 0.2}
-        mass = {ids: every[ids] for ids in sets if ids in looked_at}
+        top = max(own, key=lambda ids: own[ids])
+        fitted = {*own, *(ids for ids in sets if len(ids) == 1), *(tuple(sorted((*top, id))) for id in "xyz")}
+        fitted |= {ids for ids in sets if rng.uniform() < 0.2}
+        mass = {ids: every[ids] for ids in sets if ids in fitted}
         total = completed(mass, {ids: evidence[ids] for ids in mass}, some)
         found = {ids: logsumexp([v for other, v in total.items() if {*other} & {*"ab"} == {*ids}]) for ids in own}
         exact = {ids: logsumexp([v for other, v in every.items() if {*other} & {*"ab"} == {*ids}]) for ids in own}

@@ -88,7 +88,9 @@ class ByChance(Statement):
         where = "on simulated baselines"
         if s.stored:
             sizes = " to ".join(map(str, s.readings))
-            where = f"with nothing hidden (stored table, this catalogue, designs of {sizes} readings)"
+            where = (
+                f"with nothing hidden (stored table, this catalogue, designs of {sizes} readings, no more than here)"
+            )
         p = f"p {'=' if as_much else '<='} {significant(s.p_value, 2)}"
         if not as_much:
             p += f", the least that {n} can show"

@@ -598,7 +598,7 @@ def _volts(
     if own or (options.volts and not said):
         return options.volts
     what = f"column {column.name}: whether volts are zero to peak, peak to peak or RMS is not said"
-    remedy = f"say --volts {', --volts '.join(VOLTS)}"
+    remedy = f"say {options.volts_asked}"
     if unit and unit.scale is None:
         remedy = f"{remedy}, or {option(column.option, column.column, f'{unit.text}pp')}, as it is"
     faults.add(fault(grid, head, what, remedy))

@@ -26,7 +26,7 @@ from psafit.experiment.importing.chosen import (
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.layout import Head
 from psafit.experiment.importing.numerals import Number, is_number, likeliest
-from psafit.experiment.importing.quantities import COLUMNS, DRIVING, VOLTS, Quantity
+from psafit.experiment.importing.quantities import COLUMNS, DRIVING, Quantity
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.trace_table import TIME, TRACES
@@ -277,7 +277,7 @@ def _check_volts(grid: Grid, head: Head, column: Column, options: Options, fault
     """Refuse volts of which nobody says how they are counted."""
     if any(a.column == "amplitude_v" and not (a.volts or options.volts) for a in column.at):
         what = f"heading {column.name}: whether volts are zero to peak, peak to peak or RMS is not said"
-        faults.add(fault(grid, head, what, f"say --volts {', --volts '.join(VOLTS)}, or write Vpp"))
+        faults.add(fault(grid, head, what, f"say {options.volts_asked}, or write Vpp"))
 
 
 __all__ = ["check_launches", "check_trace", "clock", "is_trace", "missing_conditions", "voltages"]

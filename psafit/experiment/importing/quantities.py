@@ -74,7 +74,10 @@ _RANGES = (
     "launch range", "range", "launch distance", "distance", "flight distance", "launch", "throw", "wurfweite", "weite",
     "reichweite", "flugweite", "portee", "portée", "alcance",
 )  # fmt: skip
-_SPEEDS = ("launch speed", "launch velocity", "speed", "velocity", "geschwindigkeit", "vitesse", "v")
+_SPEEDS = (
+    "launch speed", "launch velocity", "speed", "velocity", "geschwindigkeit", "startgeschwindigkeit",
+    "abwurfgeschwindigkeit", "abfluggeschwindigkeit", "vitesse", "v",
+)  # fmt: skip
 _VELOCITIES = ("velocity", "speed", "vibrometer", "geschwindigkeit", "schnelle", "vitesse", "v")
 _PLACES = (
     "displacement", "disp", "position", "vibrometer", "auslenkung", "verschiebung", "weg", "déplacement",

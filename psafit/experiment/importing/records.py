@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
 
-from psafit.drives import TABLE, Drive
+from psafit.drives import TABLE, WAVEFORMS, Drive
 from psafit.errors import InputError
 from psafit.experiment.drive_table import SETTING_LIMITS
-from psafit.experiment.importing.quantities import Volts
+from psafit.experiment.importing.quantities import VOLTS, Volts
 from psafit.experiment.importing.units import Unit
 from psafit.experiment.records import Group
 
@@ -108,6 +108,14 @@ class Options:
     def held(self) -> dict[str, float]:
         """Conditions that were held, of options of one table."""
         return {name: value for name, value in self.values if not isinstance(value, tuple)}
+
+    @property
+    def volts_asked(self) -> str:
+        """The options that say how volts are counted; a drive from 0 V has the same number zero to peak as in all."""
+        offered = ", ".join(f"--volts {way}" for way in VOLTS)
+        unipolar = {name for name, waveform in WAVEFORMS.items() if waveform.unipolar}
+        same = self.waveforms and unipolar.issuperset(self.waveforms)
+        return f"{offered} (the first two are the same number for a drive from 0 V)" if same else offered
 
     def drive_of(self, waveform: str, settings: dict[str, float]) -> Drive:
         """The drive of a waveform; `settings` are those of its keys that are known."""
