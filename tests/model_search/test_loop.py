@@ -121,7 +121,7 @@ def test_what_decides_and_cannot_be_sampled_keeps_its_estimate() -> None:
     class Stuck(Fake):
         def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
             if model.ids == ("a", "b"):
-                raise ConvergenceError("no draw lies within the bounds")
+                raise ConvergenceError("no draw lies within the bounds", reached=0.0, required=1.0)
             return super().sample(model, foreseen)
 
     fake = Stuck(additive({"a": 20.0}), error=lambda ids: 1.9 * (ids == ("a", "b")))
