@@ -101,6 +101,7 @@ def cause_result(model_set: ModelSet, verdict: Verdict, candidate: Candidate) ->
         share=model_set.share[candidate.ids],
         # Laplace's evidence is corrected by its error in a neighbouring model, where sampling has shown it.
         method="adaptive importance sampling" if found else "Laplace",
+        prior_odds=model_set.log_prior(candidate.ids) - model_set.log_prior(()),
     )
     if found:
         evidence = replace(

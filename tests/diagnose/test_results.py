@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -110,7 +111,12 @@ def test_the_readings_furthest_from_what_is_adopted_are_always_reported():
     assert [w.group for w in misfit.where[:2]] == ["a", "c"] and misfit.where[0].together == ["c"]
     assert "as there in group c" in misfit.where[0].text
     cause = cause_result(model_set, SimpleNamespace(named=(), probability={(): 1.0}), model_set.baseline)
-    assert cause.parameters["nu"].upper < 10.0
+    assert cause.parameters["nu"].upper < 10.0 and cause.evidence.prior_odds == 0.0
+    ids = next(ids for ids in model_set.log_evidence if ids)
+    one = cause_result(model_set, SimpleNamespace(named=(), probability={ids: 0.1}), model_set.of(ids)).evidence
+    odds = sum(math.log(t.probability) - math.log1p(-t.probability) for t in FEW if t.id in ids)
+    assert one.prior_odds == pytest.approx(odds)
+    assert math.exp(one.prior_odds + one.over_baseline) == pytest.approx(model_set.odds(ids, ()))
 
 
 def test_a_reading_that_stands_out_is_reported_with_its_repeats():

@@ -60,6 +60,8 @@ class Evidence:
     prior_width : dict, optional
         Change of the log evidence when the priors of the causes' parameters are "half" and "twice" as wide.
     nautilus : NestedEvidence, optional
+    prior_odds : float, optional
+        Log odds of the set against no cause at all before any reading, nats; `over_baseline` is added by the readings.
     """
 
     log_evidence: float
@@ -72,6 +74,7 @@ class Evidence:
     pareto_k: float | None = field(default=None, metadata=ABSENT)
     prior_width: dict[str, float] | None = field(default=None, metadata=ABSENT)
     nautilus: NestedEvidence | None = field(default=None, metadata=ABSENT)
+    prior_odds: float | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True, repr=False)

@@ -100,6 +100,7 @@ def model_rows(result: Diagnosis) -> list[list[Any]]:
             [
                 model(c.terms),
                 f"{words.share(c.probability)} ({words.share(e.share)})",
+                "–" if e.prior_odds is None else words.signed(e.prior_odds),
                 words.signed(e.gain),
                 over,
                 f"{words.signed(width['half'])} / {words.signed(width['twice'])}" if width and c.terms else "–",
@@ -114,7 +115,7 @@ def model_rows(result: Diagnosis) -> list[list[Any]]:
             ("all other sets of causes, missed ones too", others),
             ("a discrepancy without a name", result.unnamed),
         ):
-            rows.append([Markup("<em>{}</em>").format(name), words.share(share), *["–"] * 5])
+            rows.append([Markup("<em>{}</em>").format(name), words.share(share), *["–"] * 6])
     return rows
 
 
