@@ -499,7 +499,7 @@ class Broken:
     text: str
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class Retested:
     """The tests of misfit of a fit's model, fitted to all groups of its experiment.
 
@@ -519,13 +519,13 @@ class Retested:
     n_simulated: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Validation(Brief):
     """`validation.json`: the posterior predictive against every group; the table is in `predictions.csv`.
 
     `holdout_log_rmse` is the mean over the informative groups that were held out, None without any; `laws` are those
-    that the model breaks at its best values (`psafit.inference.laws`); `all_groups` is None where a model was not
-    tested on all of them, as those that a diagnosis has named and tested itself.
+    that the model breaks at its best values (`psafit.inference.laws`); `all_groups` is None where no test of all of
+    them was possible.
     """
 
     _in_repr = ("holdout_log_rmse", "n_draws", "seed")

@@ -242,6 +242,7 @@ def test_a_fit_whose_model_fails_on_all_readings_is_doubted(checked) -> None:  #
     run, found = checked[0], checked[1]
     asked = []
     answers = Retested("tests", 0.005, 199)
+    run = replace(run, folder=run.folder.parent / "retested")
     record, _ = validate.validate(run, n_draws=100, retest=lambda one: asked.append(one) or answers)
     assert asked == [run] and read_json(run.folder / "validation.json", Validation).all_groups == answers
     assert found.all_groups is None and not validate.objection(found)

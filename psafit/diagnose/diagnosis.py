@@ -37,6 +37,7 @@ from psafit.diagnose.record import (
     MisfitResult,
 )
 from psafit.diagnose.rehearsal import rehearse, repeat
+from psafit.diagnose.retest import retest
 from psafit.diagnose.robustness import robustness
 from psafit.diagnose.screening import screen
 from psafit.diagnose.searching import searched
@@ -465,7 +466,7 @@ class Work:
                 watcher=self.watcher,
                 command=self.command,
             )
-        validation, _ = validate(run)
+        validation, _ = validate(run, retest=retest)
         return ExtensionRun(
             folder=place,
             groups=list(groups),
@@ -576,7 +577,7 @@ def _next(judgement: Judgement, seed: int, most: int, watcher: Watcher | None) -
         here = [p for p in found if p.as_it_is][:1]
         rehearsals = [
             rehearse(tied, prior, p, seed=seed, progress=lambda k, n: watcher.update(k, n, "rehearsals"))
-            for p in {p.text: p for p in found[:1] + here}.values()
+            for p in {p.text: p for p in result.proposals[:1] + here}.values()
         ]
         return replace(result, rehearsals=rehearsals)
     return result

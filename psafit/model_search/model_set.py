@@ -96,8 +96,8 @@ class ModelSet:
     neighbours : bool
         As of `LookedAt`.
     at_work : dict
-        Probability of each set to be at work, whether it shows or not, with supersets that were not fitted; see
-        `completed`.
+        Probability of each set to be at work, whether it shows or not, and nothing else. What is missing to one is of
+        sets that were not fitted.
     """
 
     candidates: tuple[Candidate, ...]
@@ -234,13 +234,20 @@ def believed_anyway(ids: Ids, beliefs: Mapping[str, float]) -> float:
 
 
 def completed(
-    mass: Mapping[Ids, float], log_evidence: Mapping[Ids, float], beliefs: Mapping[str, float], *, likely: float = 0.5
+    mass: Mapping[Ids, float],
+    log_evidence: Mapping[Ids, float],
+    beliefs: Mapping[str, float],
+    *,
+    likely: float = 0.5,
+    most: int = 8,
+    far: float = 25.0,
 ) -> dict[Ids, float]:
-    """Log masses of sets, each with its supersets by causes that are likely beforehand and were not fitted with it.
+    """Log masses of sets, each with its supersets that were not fitted: by any cause, and by several that are likely.
 
     A search fits the neighbours of what leads. Without this, what leads would have the mass of those supersets, and its
-    rivals would not. In them such a cause is taken to change the evidence as it did in the most probable set that was
-    fitted with it and without, and to raise it by nothing. Each superset counts once, with the largest set in it.
+    rivals would not. In them a cause is taken to change the evidence as it did in the most similar part that was fitted
+    with it and without, and to raise it by nothing. Each superset counts once: with a set that lacks none but likely
+    causes, if there is one, and of several with the largest.
 
     Parameters
     ----------
@@ -250,29 +257,37 @@ def completed(
     beliefs : mapping
         Prior probabilities by which `mass` was worked out.
     likely : float
-        Causes of this probability and more are at least as likely to be at work as not.
+        Probability from which causes are added together, too.
+    most : int
+        Of them at most, the likeliest.
+    far : float, nats
+        Sets this far below the best are left as they are.
     """
     fitted = {frozenset(ids): ids for ids in mass}
-    believed = [id for id, p in beliefs.items() if p >= likely]
-    pairs = {
-        id: [(fitted[s - {id}], ids) for s, ids in fitted.items() if id in s and s - {id} in fitted] for id in believed
-    }
-    change = {}
-    for id in believed:
-        without, added = max(pairs[id], key=lambda pair: max(mass[pair[0]], mass[pair[1]]), default=((), ()))
-        change[id] = min(log_evidence[added] - log_evidence[without], 0.0) if added else 0.0
-        change[id] += math.log(beliefs[id]) - math.log1p(-beliefs[id])
-    parent: dict[frozenset[str], tuple[int, float, Ids]] = {}
+    odds = {id: math.log(p) - math.log1p(-p) for id, p in beliefs.items()}
+    likely_ones = sorted((id for id, p in beliefs.items() if p >= likely), key=lambda id: -beliefs[id])
+    # Of each cause the sets that were fitted with it and without, the largest first.
+    pairs: dict[str, list[tuple[frozenset[str], float]]] = {id: [] for id in beliefs}
+    for part in sorted(fitted, key=lambda s: (-len(s), -mass[fitted[s]])):
+        for id in beliefs.keys() - part:
+            if (larger := part | {id}) in fitted:
+                pairs[id].append((part, min(log_evidence[fitted[larger]] - log_evidence[fitted[part]], 0.0)))
+    top, parent = max(mass.values()), dict[frozenset[str], tuple[int, int, float, Ids]]()
     for own, ids in fitted.items():
-        left = [id for id in believed if id not in own]
-        for n in range(1, len(left) + 1):
-            for more in itertools.combinations(left, n):
-                larger = own.union(more)
-                if larger not in fitted:
-                    found = (-n, mass[ids] + sum(change[id] for id in more), ids)
-                    parent[larger] = max(parent.get(larger, found), found)
+        if mass[ids] < top - far:
+            continue
+        gain = {id: odds[id] + next((c for part, c in pairs[id] if part <= own), 0.0) for id in beliefs.keys() - own}
+        together = [id for id in likely_ones[:most] if id in gain]
+        added: list[tuple[str, ...]] = [(id,) for id in gain]
+        added += [more for n in range(2, len(together) + 1) for more in itertools.combinations(together, n)]
+        for more in added:
+            larger = own.union(more)
+            if larger not in fitted:
+                value = mass[ids] + sum(gain[id] for id in more)
+                found = (-sum(id not in likely_ones for id in more), -len(more), value, ids)
+                parent[larger] = max(parent.get(larger, found), found)
     total = dict(mass)
-    for _, value, ids in parent.values():
+    for _, _, value, ids in parent.values():
         total[ids] = float(np.logaddexp(total[ids], value))
     return total
 
@@ -307,17 +322,19 @@ def rank(
         seen.update(effects([ids for ids in wanted if ids not in seen]))
         return {ids: seen[ids] for ids in wanted if ids in seen}
 
-    def shares(believed: Mapping[str, float]) -> tuple[dict[Ids, float], dict[Ids, float]]:
-        mass = completed({ids: v + log_prior(ids, believed) for ids, v in value.items()}, value, believed)
-        each = np.array(list(mass.values())) + shaken
+    def shares(mass: Mapping[Ids, float], believed: Mapping[str, float]) -> tuple[dict[Ids, float], dict[Ids, float]]:
+        whole = completed(mass, value, believed)
+        each = np.array(list(whole.values())) + shaken
         chances = np.exp(each - logsumexp(each, axis=1, keepdims=True)).mean(axis=0)
-        at_work = dict(zip(mass, chances.tolist(), strict=True))
-        return at_work, shown(at_work, mass, asked)
+        share = dict(zip(whole, chances.tolist(), strict=True))
+        own = {ids: p * math.exp(mass[ids] - whole[ids]) for ids, p in share.items()}
+        return own, shown(share, whole, asked)
 
-    at_work, share = shares(beliefs)
     mass = {ids: v + log_prior(ids, beliefs) for ids, v in value.items()}
+    at_work, share = shares(mass, beliefs)
     # What is likely before any reading is no find of the readings.
-    _, found = shares({id: min(p, 0.5) for id, p in beliefs.items()})
+    even = {id: min(p, 0.5) for id, p in beliefs.items()}
+    _, found = shares({ids: v + log_prior(ids, even) for ids, v in value.items()}, even)
     best = max(samples, key=lambda ids: (found[ids], mass[ids]))
     order = sorted(mass, key=lambda ids: (ids != best, -share[ids], -mass[ids]))
     return ModelSet(

@@ -65,7 +65,7 @@ def test_rivals_have_supersets_though_they_were_not_fitted() -> None:
         fitted = {*own, *(ids for ids in sets if len(ids) == 1), *(tuple(sorted((*top, id))) for id in "xyz")}
         fitted |= {ids for ids in sets if rng.uniform() < 0.2}
         mass = {ids: every[ids] for ids in sets if ids in fitted}
-        total = completed(mass, {ids: evidence[ids] for ids in mass}, some)
+        total = completed(mass, {ids: evidence[ids] for ids in mass}, some, far=math.inf)
         found = {ids: logsumexp([v for other, v in total.items() if {*other} & {*"ab"} == {*ids}]) for ids in own}
         exact = {ids: logsumexp([v for other, v in every.items() if {*other} & {*"ab"} == {*ids}]) for ids in own}
         assert found == {ids: pytest.approx(value, abs=1e-9) for ids, value in exact.items()}
@@ -78,7 +78,24 @@ def test_a_cause_that_some_set_needs_makes_no_other_better_than_it_is() -> None:
     evidence = {(): 0.0, ("a",): 20.0, ("a", "x"): 50.0, ("b",): 48.0}
     mass = {ids: value + log_prior(ids, some) for ids, value in evidence.items()}
     total = completed(mass, evidence, some)
-    assert total["b",] == pytest.approx(mass["b",] - math.log1p(-0.9)) and total["a", "x"] == mass["a", "x"]
+    assert total["b",] == pytest.approx(mass["b",] + math.log(1 + 9 + 0.04 / 0.96))
+    assert total["a", "x"] == pytest.approx(mass["a", "x"] + math.log1p(0.04 / 0.96))
+
+
+def test_what_leads_and_refutes_a_likely_cause_says_nothing_of_its_rivals() -> None:
+    """Next to nothing at all the cause does nothing, so it does nothing next to a rival."""
+    some = {"a": 0.04, "b": 0.04, "x": 0.9}
+    evidence = {(): 0.0, ("a",): 30.0, ("b",): 30.0, ("x",): 0.0, ("a", "x"): 20.0}
+    mass = {ids: value + log_prior(ids, some) for ids, value in evidence.items()}
+    total = completed(mass, evidence, some)
+    assert total["b",] - total["a",] == pytest.approx(math.log(10), abs=0.1)
+
+
+def test_sets_are_completed_by_few_of_many_likely_causes() -> None:
+    some = dict.fromkeys("abcdefghijklmnopqrst", 0.9)
+    mass = {(): log_prior((), some), ("a",): log_prior(("a",), some)}
+    total = completed(mass, dict.fromkeys(mass, 0.0), some, most=3)
+    assert total[()] == pytest.approx(mass[()] + math.log(1 + 19 * 9 + 9 * 9))  # any one, and b with c
 
 
 def test_draws_in_which_a_cause_does_not_show_are_counted_with_the_model_without_it() -> None:
@@ -96,8 +113,9 @@ def test_draws_in_which_a_cause_does_not_show_are_counted_with_the_model_without
     both = found.at_work["a", "b"]
     price = log_prior(("a", "b"), BELIEFS) - log_prior(("a",), BELIEFS)
     assert math.log(both / found.at_work["a",]) == pytest.approx(2.0 + price)
-    assert found.probability["a", "b"] == pytest.approx(0.25 * both)
-    assert found.probability["a",] == pytest.approx(found.at_work["a",] + 0.75 * both)
+    more = 1 + 21 * 0.04 / 0.96  # by what was not looked at; ("c",) is refuted
+    assert found.probability["a", "b"] == pytest.approx(0.25 * both * more)
+    assert found.probability["a",] == pytest.approx((found.at_work["a",] + 0.75 * both) * more)
     assert sum(found.probability.values()) == pytest.approx(1)
     assert found.best_model.ids == ("a",)
 

@@ -8,6 +8,7 @@ from typing import Any
 from psafit.diagnose.answer import Searched
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import PAGE, Diagnosis
+from psafit.diagnose.retest import kept
 from psafit.diagnose.words import PLAIN
 from psafit.experiment import Experiment
 from psafit.inference.run_folder import load
@@ -41,7 +42,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     for place in {run.folder for run in result.extension.values()}:
         if (folder / place).is_dir():
             extension = load(folder / place)
-            write_report(extension, *validate(extension), audit(extension))
+            write_report(extension, *validate(extension, retest=kept), audit(extension))
     shown = shown_groups(result, experiment, folder)
     # Those that the baseline misses most.
     pictured = [shown[i] for i in worst([max(g.errors, default=0.0) for g in shown])]
