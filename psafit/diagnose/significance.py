@@ -25,7 +25,7 @@ from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.memory import Memory, shared_out
 from psafit.model_search import ModelSet, SearchSettings
-from psafit.model_search.model_set import believed_anyway
+from psafit.model_search.model_set import at_even_odds, log_prior
 from psafit.physics.term import Term
 from psafit.records import plain, read_json
 
@@ -119,10 +119,8 @@ def lead(model_set: ModelSet) -> float:
 
     A cause that is more probable than not before any reading counts as even: what was believed anyway is no find.
     """
-    log_posterior = {
-        ids: value + model_set.log_prior(ids) - believed_anyway(ids, model_set.beliefs)
-        for ids, value in model_set.log_evidence.items()
-    }
+    even = at_even_odds(model_set.beliefs)
+    log_posterior = {ids: value + log_prior(ids, even) for ids, value in model_set.log_evidence.items()}
     return max(value for ids, value in log_posterior.items() if ids) - log_posterior[()]
 
 

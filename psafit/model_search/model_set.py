@@ -228,9 +228,9 @@ def log_prior(ids: Ids, beliefs: Mapping[str, float]) -> float:
     return sum(math.log(p) if id in ids else math.log1p(-p) for id, p in beliefs.items())
 
 
-def believed_anyway(ids: Ids, beliefs: Mapping[str, float]) -> float:
-    """Log odds by which some causes of a set are more probable than not before any reading: no find of the readings."""
-    return sum(max(math.log(beliefs[id]) - math.log1p(-beliefs[id]), 0.0) for id in ids)
+def at_even_odds(beliefs: Mapping[str, float]) -> dict[str, float]:
+    """Causes that are more probable than not count as even: what is likely before any reading is no find of them."""
+    return {id: min(p, 0.5) for id, p in beliefs.items()}
 
 
 def completed(
@@ -269,14 +269,16 @@ def completed(
     # Of each cause the sets that were fitted with it and without, the largest first.
     pairs: dict[str, list[tuple[frozenset[str], float]]] = {id: [] for id in beliefs}
     for part in sorted(fitted, key=lambda s: (-len(s), -mass[fitted[s]])):
-        for id in beliefs.keys() - part:
-            if (larger := part | {id}) in fitted:
+        for id in beliefs:
+            if id not in part and (larger := part | {id}) in fitted:
                 pairs[id].append((part, min(log_evidence[fitted[larger]] - log_evidence[fitted[part]], 0.0)))
     top, parent = max(mass.values()), dict[frozenset[str], tuple[int, int, float, Ids]]()
     for own, ids in fitted.items():
         if mass[ids] < top - far:
             continue
-        gain = {id: odds[id] + next((c for part, c in pairs[id] if part <= own), 0.0) for id in beliefs.keys() - own}
+        # In the catalogue's order: sums in that of a set would end on other last digits in another process.
+        left = [id for id in beliefs if id not in own]
+        gain = {id: odds[id] + next((c for part, c in pairs[id] if part <= own), 0.0) for id in left}
         together = [id for id in likely_ones[:most] if id in gain]
         added: list[tuple[str, ...]] = [(id,) for id in gain]
         added += [more for n in range(2, len(together) + 1) for more in itertools.combinations(together, n)]
@@ -332,8 +334,7 @@ def rank(
 
     mass = {ids: v + log_prior(ids, beliefs) for ids, v in value.items()}
     at_work, share = shares(mass, beliefs)
-    # What is likely before any reading is no find of the readings.
-    even = {id: min(p, 0.5) for id, p in beliefs.items()}
+    even = at_even_odds(beliefs)
     _, found = shares({ids: v + log_prior(ids, even) for ids, v in value.items()}, even)
     best = max(samples, key=lambda ids: (found[ids], mass[ids]))
     order = sorted(mass, key=lambda ids: (ids != best, -share[ids], -mass[ids]))

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Sequence
 from types import SimpleNamespace
 
@@ -89,6 +92,25 @@ def test_what_leads_and_refutes_a_likely_cause_says_nothing_of_its_rivals() -> N
     mass = {ids: value + log_prior(ids, some) for ids, value in evidence.items()}
     total = completed(mass, evidence, some)
     assert total["b",] - total["a",] == pytest.approx(math.log(10), abs=0.1)
+
+
+@pytest.mark.slow
+def test_sets_are_completed_in_the_same_way_in_every_process() -> None:
+    """To the last digit, whatever order a process gives to the members of a set."""
+    code = (
+        "import itertools; from psafit.model_search.model_set import completed;"
+        "some = {id: (i + 1) / 17 for i, id in enumerate('abcdefghijklmnop')};"
+        "sets = [ids for n in range(3) for ids in itertools.combinations(some, n)][::3];"
+        "mass = {ids: -1.1 * len(ids) - i / 97 for i, ids in enumerate(sets)};"
+        "print([value.hex() for value in map(float, completed(mass, mass, some).values())])"
+    )
+    said = {
+        subprocess.run(
+            [sys.executable, "-c", code], env=os.environ | {"PYTHONHASHSEED": seed}, capture_output=True, check=True
+        ).stdout
+        for seed in "123"
+    }
+    assert len(said) == 1
 
 
 def test_sets_are_completed_by_few_of_many_likely_causes() -> None:
