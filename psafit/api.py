@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from psafit.compare import known
 from psafit.diagnose import diagnose
 from psafit.diagnose.record import RESULT, CauseResult, Diagnosis
-from psafit.diagnose.retest import retest
+from psafit.diagnose.retest import once
 from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, GroupId
 from psafit.experiment.records import CONDITION_COLUMNS
@@ -220,7 +220,7 @@ class Fitted(_Shown):
 
     @cached_property
     def _validated(self) -> tuple[Validation, list[Prediction]]:
-        return validate(self.run, retest=retest)
+        return validate(self.run, retest=once)
 
     @property
     def parameters(self) -> pd.DataFrame:

@@ -499,22 +499,24 @@ class Broken:
     text: str
 
 
+Objection = Literal["", "tests", "together", "tails"]
+"""What speaks against a model: the family of tests, readings that stand out together, or that it needs heavy tails."""
+
+
 @dataclass(frozen=True)
 class Retested:
     """The tests of misfit of a fit's model, fitted to all groups of its experiment.
 
     Parameters
     ----------
-    objection : {"", "tests", "together", "tails"}
-        What speaks against the model: the tests, readings of several groups that stand out at one condition, or that it
-        passes by heavy tails alone.
+    objection : Objection
     p_value : float
-        Of what speaks against it, or of the tests.
+        Of what speaks against the model, or of the tests.
     n_simulated : int
         Data sets simulated from the fit.
     """
 
-    objection: Literal["", "tests", "together", "tails"]
+    objection: Objection
     p_value: float
     n_simulated: int
 

@@ -109,17 +109,9 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
     text = f"group {last}, 10 to 20 V: predictions too small by a factor of 2.50 (8.1 standard deviations)"
     where = [Where(last, "amplitude", 10.0, 20.0, text, -np.log(2.5), 8.1, [])]
     evidence = Evidence(
-        -412.0,
-        151.2,
-        163.4,
-        0.62,
-        "adaptive importance sampling",
-        0.04,
-        2210.0,
-        0.31,
-        {"half": -0.6, "twice": 0.3},
+        -412.0, 151.2, 163.4, 0.62, "adaptive importance sampling", 0.04, 2210.0, 0.31, {"half": -0.6, "twice": 0.3},
         prior_odds=-3.2,
-    )
+    )  # fmt: skip
     fitted = parameters("k_c", "hysteresis_strength", "hysteresis_voltage", "sigma_abs")
     laplace = Evidence(-560.0, 0.0, 0.0, 0.0002, "Laplace")
     return Diagnosis(

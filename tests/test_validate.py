@@ -251,10 +251,7 @@ def test_a_fit_whose_model_fails_on_all_readings_is_doubted(checked) -> None:  #
     for objection, why in (
         ("", ""),
         ("tests", f"{model} fails the tests of misfit (p = 0.005)"),
-        (
-            "together",
-            f"{model} misses readings of several groups at one condition (p = 0.005)",
-        ),
+        ("together", f"{model} misses readings of several groups at one condition (p = 0.005)"),
         ("tails", f"{model} passes the tests of misfit by heavy tails alone (p = 0.005)"),
     ):
         judged = replace(record, groups=good, holdout_log_rmse=0.05, all_groups=replace(answers, objection=objection))

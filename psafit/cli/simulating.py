@@ -162,12 +162,12 @@ def _opened(run: Path) -> Run | Diagnosis:
 
 def _standing(place: Path, run: Run | Diagnosis, quiet: bool) -> dict[str, str]:
     """What a run says of what it would predict: a diagnosis its verdict, a fit why not to rely on it, if anything."""
-    from psafit.diagnose.retest import retest
+    from psafit.diagnose.retest import once
     from psafit.inference.run_folder import Run
     from psafit.validate import caution, scored
 
     if isinstance(run, Run):
-        why = caution(scored(run, retest=retest)[0])
+        why = caution(scored(run, retest=once)[0])
         said = f"{why}{STANDING_IN}" if why else ""
     else:
         said = run.headline

@@ -42,6 +42,7 @@ from psafit.inference.candidate import Candidate, optimised, refitted
 from psafit.inference.optimiser import maximise, maximise_linearly
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
+from psafit.records import Objection
 from psafit.simulate import path_of
 from psafit.validate import log_ratio
 
@@ -49,10 +50,6 @@ ALPHA = 0.02
 """Level of the family: a false alarm in fifty sound models."""
 
 Character = Literal["none", "physics", "scatter", "group", "points", "sessions"]
-
-Objection = Literal["", "tests", "together", "tails"]
-"""What speaks against a model: the family of tests, readings that stand out together, or that it needs heavy tails."""
-
 
 CHARACTERS: dict[Character, str] = {
     "none": "no particular character",

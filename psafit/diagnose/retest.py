@@ -56,3 +56,8 @@ def kept(run: Run) -> Retested | None:
     except InputError:
         return None
     return record.all_groups if record.identity == run.fit.identity else None
+
+
+def once(run: Run) -> Retested | None:
+    """Return the test that is on record for a run, or make it."""
+    return kept(run) or retest(run)

@@ -13,7 +13,7 @@ from psafit.inference.evidence import RoundSettings
 from psafit.inference.memory import Memory
 from psafit.model_search import ModelSet, SearchSettings
 from psafit.model_search.fitter import Fitted, ProblemFitter
-from psafit.model_search.loop import Ids, Model
+from psafit.model_search.loop import Ids, Model, reduced
 from psafit.model_search.visibility import VISIBLE, Effects, effects, may_hide, shown
 
 LAG = ("amplifier_lag",)
@@ -21,7 +21,7 @@ LAG = ("amplifier_lag",)
 
 def found(model_set: ModelSet, ids: Ids, rounds: RoundSettings | None = None) -> Effects:
     """Effects in one of the sets that were fitted."""
-    parts = [model_set.of(tuple(i for i in ids if i != id)) for id in ids]
+    parts = [model_set.of(part) for part in reduced(ids)]
     own, draws = model_set.of(ids), model_set.samples.get(ids)
     return Effects(**effects(own.problem, own, draws, parts, 1, rounds or SearchSettings().effects))
 

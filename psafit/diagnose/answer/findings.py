@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 from psafit.diagnose.answer.statement import Statement
-from psafit.diagnose.misfit import ALPHA, Character, Objection, Statistic, described
+from psafit.diagnose.misfit import ALPHA, Character, Statistic, described
 from psafit.diagnose.record import Broken, Condition, Counted, ParameterResult, Reading
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.model_search.model_set import CREDIBLE, LookedAt
 from psafit.physics import owner
+from psafit.records import Objection
 from psafit.text import p_text, significant
 
 WORTH_SAYING = 0.05

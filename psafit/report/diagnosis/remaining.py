@@ -10,9 +10,10 @@ from markupsafe import Markup
 
 from psafit.arrays import FloatArray
 from psafit.compare import known
-from psafit.diagnose.misfit import ALPHA, Objection, described
+from psafit.diagnose.misfit import ALPHA, described
 from psafit.diagnose.record import Diagnosis, Tests
 from psafit.diagnose.significance import OTHERWISE, Significance
+from psafit.records import Objection
 from psafit.report.diagnosis import words
 from psafit.report.diagnosis.shown import Shown, image
 from psafit.report.figures.axes import scale_axis, scale_sweep
