@@ -12,6 +12,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Column
 
 from psafit.forecast import Silent, Watcher
+from psafit.heartbeat import repeated
 
 TITLES = {
     "search": "search for minima (lmfit)",
@@ -78,40 +79,46 @@ class _Bars(Silent):
 
 
 class _Lines(Silent):
-    """For logs: a line when a stage begins, and a sign of life every ten seconds."""
+    """For logs: a line when a stage begins, and one whenever `say` is called."""
 
     def __init__(self) -> None:
-        self._begun = self._said = time.monotonic()
+        self._begun = time.monotonic()
+        self._stage = ""
         self._first: tuple[float, float] | None = None  # what was done when, where the count began
-        self._last = 0.0
+        self._latest: tuple[float, float | None, str, float] | None = None  # what was reported last, and when
         self._whole: float | None = None
 
     def whole(self, seconds: float | None) -> None:
         self._whole = seconds
 
     def stage(self, name: str) -> None:
-        self._said = time.monotonic()
-        self._first = None
-        print(f"[{self._said - self._begun:5.1f} s] {TITLES[name]}", file=sys.stderr, flush=True)
+        self._stage, self._first, self._latest = TITLES[name], None, None
+        self._print(self._stage)
 
     def update(self, done: float, total: float | None, note: str = "") -> None:
         now = time.monotonic()
-        if self._first is None or done < self._last:  # a stage may count more than once
+        if self._first is None or self._latest is None or done < self._latest[0]:  # a stage may count more than once
             self._first = (done, now)
-        self._last = done
-        if now - self._said > 10:
-            self._said = now
-            this = None
+        self._latest = done, total, note, now
+
+    def say(self) -> None:
+        """Print what was reported last; the stage again, where it has not reported yet."""
+        state, this = self._stage, None
+        if self._latest and self._first:
+            done, total, note, now = self._latest
+            state = counted(done, total, note)
             if total is not None and done > self._first[0]:
                 this = (now - self._first[1]) / (done - self._first[0]) * (total - done)
-            left = ", ".join(filter(None, (_left(this, "of this"), _left(self._whole))))
-            state = "; ".join(filter(None, (counted(done, total, note), left)))
-            print(f"[{now - self._begun:5.1f} s]   {state}", file=sys.stderr, flush=True)
+        left = ", ".join(filter(None, (_left(this, "of this"), _left(self._whole))))
+        self._print("  " + "; ".join(filter(None, (state, left))))
+
+    def _print(self, text: str) -> None:
+        print(f"[{time.monotonic() - self._begun:5.1f} s] {text}", file=sys.stderr, flush=True)
 
 
 @contextmanager
-def watcher(quiet: bool) -> Iterator[Watcher]:
-    """Show progress the way standard error allows, or not at all."""
+def watcher(quiet: bool, every: float = 10.0) -> Iterator[Watcher]:
+    """Show progress the way standard error allows, or not at all; in a log every so many seconds."""
     if quiet or sys.stderr is None:  # nobody's, where it was closed
         yield Silent()
     elif sys.stderr.isatty():
@@ -129,4 +136,6 @@ def watcher(quiet: bool) -> Iterator[Watcher]:
             yield show
             show.finish()
     else:
-        yield _Lines()
+        lines = _Lines()
+        with repeated(lines.say, every):
+            yield lines

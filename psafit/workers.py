@@ -27,6 +27,7 @@ from joblib.externals.loky import get_reusable_executor, process_executor
 
 from psafit import plugins
 from psafit.errors import InputError
+from psafit.heartbeat import repeated
 
 # How often a worker looks whether its parent is still there, and a parent reports how far its workers are.
 _LOOK_UP_S = 1.0
@@ -229,21 +230,11 @@ def precompute(
     with processes(min(jobs, len(calls)), scheduler if calls else None) as usable:
         if usable < 2:
             return
-        done, over = 0, threading.Event()
-
-        def report() -> None:
-            while not over.wait(_LOOK_UP_S):
-                progress(done, len(calls))
-
-        reporter = threading.Thread(target=report, name="progress", daemon=True)
-        reporter.start()
-        try:
+        done = 0
+        with repeated(lambda: progress(done, len(calls)), _LOOK_UP_S):
             for result in unordered(usable, work, calls):
                 take(result)
                 done += 1
-        finally:
-            over.set()
-            reporter.join()
 
 
 def _attended(owner: int, work: Callable[..., Any], call: tuple[Any, ...]) -> Any:

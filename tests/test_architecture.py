@@ -18,7 +18,8 @@ PACKAGE = ROOT / "psafit"
 
 # From the ground up. A module imports from its own floor or from below, never from above.
 FLOORS = (
-    {"", "arrays", "drives", "errors", "files", "parameters", "plugins", "text", "workers"},  # "" is psafit/__init__.py
+    # "" is psafit/__init__.py
+    {"", "arrays", "drives", "errors", "files", "heartbeat", "parameters", "plugins", "text", "workers"},
     {"experiment", "forecast", "observables", "records"},
     {"physics"},
     {"prior_check", "simulate"},

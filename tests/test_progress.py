@@ -2,26 +2,43 @@
 
 from __future__ import annotations
 
+import threading
+
 from psafit import progress
 
 
 def test_progress_in_a_log_says_what_is_awaited(monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
-    clock = iter([0.0, 11.0, 12.0, 30.0, 31.0, 42.0, 600.0, 620.0, 640.0, 660.0])
-    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
-    with progress.watcher(quiet=False) as lines:
+    now = 0.0
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now)
+    with progress.watcher(quiet=False, every=3600.0) as lines:
+        now = 11.0
         lines.update(500, None, "step 500 of at most 40000, R-hat 1.030 (goal 1.01)")
-        lines.update(750, None, "too soon")
+        lines.say()
+        now = 30.0
         lines.stage("profile")
+        now = 31.0
+        lines.say()
         lines.update(3, 48, "profiles")
+        now = 42.0
         lines.update(8, 48, "profiles")
-        lines.update(0, 4, "of a second count")
-        lines.update(1, 4, "of a second count")
-        lines.update(4, 4, "of a second count")
+        lines.say()
+        for now, done in ((600.0, 0), (620.0, 1), (640.0, 4)):
+            lines.update(done, 4, "of a second count")
+            lines.say()
         lines.whole(0.3)
-        lines.update(4, 4, "of a second count")
+        now = 660.0
+        lines.say()
     assert capsys.readouterr().err.splitlines() == [
         "[ 11.0 s]   step 500 of at most 40000, R-hat 1.030 (goal 1.01)", "[ 30.0 s] profile the likelihood",
-        "[ 42.0 s]   8 of 48 profiles; about 88 s left of this", "[600.0 s]   0 of 4 of a second count",
-        "[620.0 s]   1 of 4 of a second count; about 60 s left of this",
+        "[ 31.0 s]   profile the likelihood", "[ 42.0 s]   8 of 48 profiles; about 88 s left of this",
+        "[600.0 s]   0 of 4 of a second count", "[620.0 s]   1 of 4 of a second count; about 60 s left of this",
         "[640.0 s]   4 of 4 of a second count", "[660.0 s]   4 of 4 of a second count",
     ]  # fmt: skip
+
+
+def test_a_log_shows_signs_of_life_while_nothing_is_reported(monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    said = threading.Event()
+    monkeypatch.setattr(progress._Lines, "say", lambda self: said.set())
+    with progress.watcher(quiet=False, every=0.01):
+        assert said.wait(30)
+    assert not [t for t in threading.enumerate() if t.name == "heartbeat"]

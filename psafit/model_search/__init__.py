@@ -17,7 +17,7 @@ from psafit.inference.candidate import Candidate
 from psafit.inference.memory import Memory
 from psafit.inference.problem import Problem
 from psafit.model_search.fitter import Fitted, ProblemFitter
-from psafit.model_search.loop import Ids, Searched, search
+from psafit.model_search.loop import Ids, Model, Searched, named, search
 from psafit.model_search.model_set import ModelSet, beliefs, log_prior, rank
 from psafit.model_search.settings import SearchSettings
 from psafit.physics.term import Term
@@ -59,7 +59,7 @@ def search_models(
     passes : callable
         Whether the readings pass the tests of misfit by a model.
     progress : callable
-        Called with (what, models whose neighbours were fitted, models of which they are to be).
+        Called with (what, models whose neighbours were fitted, models of which they are to be) whenever there is news.
 
     Returns
     -------
@@ -69,18 +69,31 @@ def search_models(
     if settings.most_causes < 1:
         raise InputError(f"most_causes = {settings.most_causes}", "choose 1 or more")
     with processes(jobs, scheduler) as usable:
-        fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts)
+        state = "", 0, 1
         latest: list[ModelSet] = []
 
+        def reached(what: str, done: int, total: int) -> None:
+            nonlocal state
+            state = what, done, total
+            progress(*state)
+
+        def doing(what: str) -> None:
+            so_far, done, total = state
+            progress(f"{so_far}; {what}" if so_far else what, done, total)
+
+        def tested(model: Model[Fitted]) -> bool:
+            doing(f"tests of {named(model.ids)}")
+            return passes(model.content.candidate)
+
+        fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts, doing)
+
         def likely(found: Searched[Fitted]) -> tuple[Ids, ...]:
-            progress("asking which causes show in the likely models", 0, 1)
             latest[:] = [rank(found, believed, settings, partial(fitter.effects, found.models))]
             return latest[0].likely
 
         with closing(fitter):
             search(
                 [t.id for t in catalogue], fitter, lambda ids: log_prior(ids, believed), settings,
-                starts=[c.ids for c in starts], passes=lambda model: passes(model.content.candidate),
-                decisive=likely, progress=progress,
+                starts=[c.ids for c in starts], passes=tested, decisive=likely, progress=reached,
             )  # fmt: skip
             return latest[0]  # of what was found in the end

@@ -21,7 +21,7 @@ from psafit.inference.optimise import joined_values
 from psafit.inference.problem import Problem
 from psafit.inference.sample import SampleSettings, first, joined, second
 from psafit.inference.scan import widened
-from psafit.model_search.loop import Foreseen, Ids, Model, reduced
+from psafit.model_search.loop import Foreseen, Ids, Model, named, reduced
 from psafit.model_search.settings import SearchSettings
 from psafit.model_search.visibility import Effects, effects, may_hide
 from psafit.physics.term import Term
@@ -69,6 +69,8 @@ class ProblemFitter:
         Processes that share the work (within `psafit.workers.processes`). The result does not depend on it.
     starts : sequence of Candidate
         Fits of other readings; the same models begin there.
+    progress : callable
+        Called with what is being worked out.
     """
 
     problem: Problem
@@ -78,17 +80,18 @@ class ProblemFitter:
     memory: Memory
     jobs: int = 1
     starts: Sequence[Candidate] = ()
+    progress: Callable[[str], None] = lambda what: None
 
     def short(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> list[Known]:
         """Fit models from their highest parts, from a few draws of the prior, and from where they are known."""
         tasks = list(self._short(wanted, known))
-        found = self._done(tasks)
+        found = self._done(tasks, "short fits")
         return [_estimated(_candidate(t.problem, a)) for t, a in zip(tasks, found, strict=True)]
 
     def carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> list[Known]:
         """Fit models from the optima of two that together have all their causes."""
         tasks = list(self._carried(wanted, known))
-        found = self._done(tasks)
+        found = self._done(tasks, "fits from known optima")
         return [_estimated(candidate_at(t.problem, a["u"])) for t, a in zip(tasks, found, strict=True)]
 
     def again(self, known: Sequence[Known], origin: Known) -> list[Known]:
@@ -96,7 +99,7 @@ class ProblemFitter:
         own = [model.content.candidate for model in known]
         tasks = [self._optimise(c.problem, (c, origin.content.candidate)) for c in own]
         risen = []
-        for model, end in zip(known, self._done(tasks), strict=True):
+        for model, end in zip(known, self._done(tasks, "fits from a neighbour's optimum"), strict=True):
             before = model.content.candidate
             if end["height"][0] > max(before.log_posterior, model.content.top) + self.settings.better:
                 risen.append(_estimated(candidate_at(before.problem, np.vstack([end["u"], before.modes])), model))
@@ -105,7 +108,7 @@ class ProblemFitter:
     def earnest(self, model: Known, foreseen: Foreseen[Fitted] | None = None) -> Known:
         """Fit a model as one that is sampled."""
         short, look = model.content.candidate, self._looks(model)[0]
-        (found,) = self._done([look], self._ahead(foreseen or _NOTHING))
+        (found,) = self._done([look], _looking(model), self._ahead(foreseen or _NOTHING))
         estimated = _estimated(_candidate(look.problem, found), model)
         return replace(estimated, earnest=True, content=replace(estimated.content, begun=short))
 
@@ -118,8 +121,9 @@ class ProblemFitter:
         short, looks = model.content.candidate, self._looks(model)
         problem, ahead = looks[0].problem, foreseen or _NOTHING
         # The look from the prior alone takes longest.
-        other, one = (_candidate(problem, a) for a in self._done(looks[::-1], self._ahead(ahead)))
-        (kept,) = self._done([self._joined(model, one, other)], self._ahead(ahead))
+        other, one = (_candidate(problem, a) for a in self._done(looks[::-1], _looking(model), self._ahead(ahead)))
+        drawing = f"samples of {named(model.ids)}"
+        (kept,) = self._done([self._joined(model, one, other)], drawing, self._ahead(ahead))
         modes = kept["modes"]
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name != "modes"}
         draws, found = ImportanceSample(**values), candidate_at(problem, modes)
@@ -130,7 +134,10 @@ class ProblemFitter:
     def effects(self, models: Mapping[Ids, Known], wanted: Sequence[Ids]) -> dict[Ids, Effects]:
         """Work out what the causes of some of the models do, over draws of their posteriors."""
         tasks = [self._effects(models[ids], models) for ids in wanted]
-        return {ids: Effects(**found) for ids, found in zip(wanted, self._done(tasks), strict=True)}
+        return {
+            ids: Effects(**found)
+            for ids, found in zip(wanted, self._done(tasks, "models asked what each cause does"), strict=True)
+        }
 
     @cached_property
     def _starting(self) -> Iterator[None]:
@@ -228,11 +235,16 @@ class ProblemFitter:
             yield from (t for t in looks[::-1] if not self.memory.holds(t.key))
         yield from (t for t in self._carried(foreseen.sets, foreseen.known) if not self.memory.holds(t.key))
 
-    def _done(self, tasks: Sequence[Task], ahead: Iterator[Task] | None = None) -> list[Arrays]:
+    def _done(self, tasks: Sequence[Task], what: str, ahead: Iterator[Task] | None = None) -> list[Arrays]:
         """Results of pieces of work, looked up or worked out; whoever is idle until the last of them works ahead."""
         found = {t.key: kept for t in tasks if (kept := self.memory.look(t.key)) is not None}
         left = {t.key: t for t in tasks if t.key not in found}
+
+        def reached() -> None:
+            self.progress(f"{len(found)} of {len({t.key for t in tasks})} {what}")
+
         if left:
+            reached()
             more = next(ahead, None) if ahead and self.jobs > 1 else None
             # The model without causes is fitted here, while the processes start.
             shared = (len(left) > 1 or more is not None) and any(t.problem.terms for t in left.values())
@@ -246,6 +258,7 @@ class ProblemFitter:
                 if made is not None:
                     kept = self.memory.keep(key, made)
                     found |= {key: kept} if key in left else {}
+                    reached()
         return [found[t.key] for t in tasks]
 
 
@@ -260,6 +273,11 @@ class Task:
 
 
 _NOTHING: Foreseen[Fitted] = Foreseen((), (), {})
+
+
+def _looking(model: Known) -> str:
+    return f"looks for the modes of {named(model.ids)}"
+
 
 # Looks for the modes of a model, by the names of their results.
 _LOOKS = {"first": first, "second": second}

@@ -151,6 +151,11 @@ class Searched(Generic[Content]):
     whole: bool
 
 
+def named(ids: Ids) -> str:
+    """Return the name of a model."""
+    return " + ".join(ids) or "the baseline"
+
+
 def reduced(ids: Ids) -> list[Ids]:
     """Return the sets with one cause less, in the order of what they lack."""
     return [tuple(other for other in ids if other != id) for id in ids]
@@ -436,9 +441,8 @@ def search(
         highest = known.value(best_model)
         near = [m for m in shown if known.comes_near(m, highest)]
         left = [m for m in near if not m.sampled or not known.complete(m, highest)]
-        name = " + ".join(best_model.ids) or "the baseline"
         compared = "likely models compared with their neighbours; " if len(near) > 1 else ""
-        so_far = f"{compared}{name} leads; {count(len(models), 'model')} fitted in this search"
+        so_far = f"{compared}{named(best_model.ids)} leads; {count(len(models), 'model')} fitted in this search"
         progress(so_far, len(near) - len(left), len(near))
         sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
         whole = known.complete(best_model, highest)

@@ -97,7 +97,9 @@ def test_an_exchange_is_fitted_from_the_two_models_that_know_its_parts(hidden: M
 
 def test_what_was_fitted_is_kept(hidden: ModelSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = hidden.baseline.problem
-    first = search_models(one, FEW[:1], seed=1, memory=Memory(tmp_path))
+    news: list[str] = []
+    first = search_models(one, FEW[:1], seed=1, memory=Memory(tmp_path), progress=lambda what, *_: news.append(what))
+    assert all(any(work in what for what in news) for work in ("1 of 1 short fits", "samples of the baseline"))
     with monkeypatch.context() as patch:
         patch.delattr(fitting, "fit")
         patch.delattr(fitting, "joined")
