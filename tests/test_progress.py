@@ -22,9 +22,15 @@ def test_progress_in_a_log_says_what_is_awaited(monkeypatch, capsys) -> None:  #
         now = 42.0
         lines.update(8, 48, "profiles")
         lines.say()
-        for now, done in ((600.0, 0), (620.0, 1), (640.0, 4)):
-            lines.update(done, 4, "of a second count")
-            lines.say()
+        now = 600.0
+        lines.update(0, 4, "of a second count")
+        lines.say()
+        now = 620.0
+        lines.update(1, 4, "of a second count")
+        lines.say()
+        now = 640.0
+        lines.update(4, 4, "of a second count")
+        lines.say()
         lines.whole(0.3)
         now = 660.0
         lines.say()
