@@ -153,7 +153,7 @@ def _undriven(group: Group, nearly_all: float) -> str:
 def _moving(group: Group) -> Group | None:
     """The part of a group that gives a scale: the ball was driven, and moved; along a trace, far."""
     size = np.abs(group.reading)
-    rows = (size > (0.5 * size.max() if group.time_us is not None else 0.0)) & (group.amplitude_v > 0)
+    rows = (size > (0.5 * size.max() if group.time_us is not None else 0.0)) & group.driven
     return replace(group.at(rows), sigma=None) if rows.any() else None
 
 

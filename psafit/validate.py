@@ -312,9 +312,7 @@ def _predicted(
     # Readings of zero are all that the law has below it: they lie anywhere there.
     pit = np.where(group.reading > group.floor, pit, pit * chance.uniform(size=pit.size))
     # What is met more closely than any instrument reads says nothing of a band.
-    quiet = (
-        noise.at_least(np.median(scatter, axis=0)[None])[0] and np.mean(ndtri(np.clip(pit, 1e-9, 1 - 1e-9)) ** 2) < 1.0
-    )
+    quiet = noise.too_fine(np.median(scatter, axis=0)[None], ndtri(np.clip(pit, 1e-9, 1 - 1e-9)), LEVEL)
     pit_p_value, drift_p_value = math.nan, math.nan
     if not (quiet or why_uninformative(group)):
         more = -(-n_simulated // len(draws)) - 1
@@ -365,7 +363,7 @@ def without_each(problem: Problem, draws: FloatArray, group_ids: Sequence[GroupI
 
 def why_uninformative(group: Group, least: int = 3) -> str:
     """Why a group cannot separate a good prediction from a bad one; empty where it can."""
-    if not group.amplitude_v.any():
+    if not group.driven.any():
         return "nothing drives it"
     few = np.count_nonzero(group.reading) < least
     return f"fewer than {least} of its readings are above zero" if few else ""

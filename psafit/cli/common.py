@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections import Counter
@@ -163,6 +164,34 @@ def costly(
     return [
         one_line(f"{fitted} takes about {duration(found.seconds)} and {size} on this machine, with fewer less{rest}")
     ]
+
+
+def long_sweeps(
+    experiment: Experiment, *, minutes: float = 10.0, timed: tuple[int, float] = (600, 8.0), tests: int = 4
+) -> list[str]:
+    """A line for each sweep or trace whose tests in a diagnosis take long; see docs/limits.md.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    minutes : float
+        Up to which nothing is said.
+    timed : (int, float)
+        Readings of a sweep, and the seconds that a test for a discrepancy takes with them; the cost grows with the
+        third power of the readings.
+    tests : int
+        Of a diagnosis: baseline and best model, and what other verdicts compare.
+    """
+    from psafit.progress import duration
+
+    found = []
+    for part in (part for group in experiment.groups for part in group.parts):
+        seconds = tests * timed[1] * (part.n_points / timed[0]) ** 3
+        if seconds > 60 * minutes:
+            what = f"group {part.label}: tests for a discrepancy without a name take about {duration(seconds)} with"
+            few = math.floor(timed[0] * (60 * minutes / (tests * timed[1])) ** (1 / 3) / 100) * 100
+            found.append(f"{what} {part.n_points:,} readings in one sweep; {few:,} of them take {minutes:g} min")
+    return found
 
 
 def discard_output() -> None:

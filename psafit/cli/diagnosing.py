@@ -21,6 +21,7 @@ from psafit.cli.common import (
     causes,
     costly,
     groups_of,
+    long_sweeps,
     plugin_words,
     refuse_both,
     refuse_run_file,
@@ -116,7 +117,7 @@ def diagnose(
     if not quiet:
         done = (folder / "diagnosis.json").exists()
         rest = "; a diagnosis takes that at least, without --quick many times that"
-        warn([*data.warnings, *([] if done else costly(data, data.ids, rest=rest))])
+        warn([*data.warnings, *([] if done else [*costly(data, data.ids, rest=rest), *long_sweeps(data)])])
     command = ["psafit", "diagnose", experiment, *([] if group is None else ["--group", group]), "--seed", seed]
     command += [] if candidates is None else ["--causes", candidates]
     command += ["--quick"] if quick else []

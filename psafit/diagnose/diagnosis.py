@@ -559,7 +559,7 @@ def _next(judgement: Judgement, seed: int, most: int, watcher: Watcher | None) -
     With a watcher the best is rehearsed, and the best that leaves the rig as it is.
     """
     model_set, verdict = judgement.model_set, judgement.verdict
-    if not any((g.amplitude_v > 0).any() for g in model_set.best_model.problem.experiment.groups):
+    if not any(g.driven.any() for g in model_set.best_model.problem.experiment.groups):
         return NextExperiment()
     if verdict.structured and (left := Explanations.of(model_set.best_model, judgement.left)):
         left = left.worth_distinguishing(1 - CREDIBLE)

@@ -69,8 +69,8 @@ class Discrepancy:
         Of model and discrepancy together, comparable with those of other models of the same readings.
     amplitude, level, reach : float
         Standard deviation of the smooth part and of the groups' levels (relative), and its length in ln units.
-    sigma_rel : float
-        Relative scatter given it, of the first observable.
+    sigma_rel : dict of int to float
+        Relative scatter given it, by observable as `psafit.observables.OBSERVABLES` counts.
     mean, sd : (n_points,) arrays
         ``ln(reading/prediction)`` that it explains, and its posterior standard deviation.
     hyper, covariance : (5,) and (5, 5) arrays
@@ -83,29 +83,33 @@ class Discrepancy:
     amplitude: float
     level: float
     reach: float
-    sigma_rel: float
+    sigma_rel: dict[int, float]
     mean: FloatArray
     sd: FloatArray
     hyper: FloatArray
     covariance: FloatArray
 
-    def elsewhere(self, sigma_rel: FloatArray, rng: np.random.Generator) -> FloatArray:
+    def elsewhere(self, sigma_rel: FloatArray, measured: NDArray[np.int8], rng: np.random.Generator) -> FloatArray:
         """Relative standard deviation of the discrepancy in groups that were not fitted.
 
         Parameters
         ----------
-        sigma_rel : (n,) array
-            Draws of the relative scatter of the model without a discrepancy, which had to stand for part of it and is
-            not counted twice.
+        sigma_rel : (n, n_points) or (n, 1) array
+            Draws of the relative scatter of the model without a discrepancy. Of an observable that was fitted it had to
+            stand for part of it, which is not counted twice.
+        measured : (n_points,) array
+            What is read there, as `psafit.observables.OBSERVABLES` counts.
         rng : Generator
 
         Returns
         -------
-        (n,) array
+        (n, n_points) array
         """
         drawn = rng.multivariate_normal(self.hyper, self.covariance, len(sigma_rel), method="eigh")
-        a, b, _ = np.exp(np.clip(drawn[:, -3:], -20.0, 1.0)).T
-        return np.asarray(np.sqrt(np.maximum(a**2 + b**2 + self.sigma_rel**2 - sigma_rel**2, 0.0)))
+        a, b, _ = np.exp(np.clip(drawn[:, -3:, None], -20.0, 1.0)).swapaxes(0, 1)
+        given = np.array([self.sigma_rel.get(k, math.nan) for k in measured.tolist()])
+        twice = np.where(np.isnan(given), 0.0, given**2 - sigma_rel**2)
+        return np.asarray(np.sqrt(np.maximum(a**2 + b**2 + twice, 0.0)))
 
     def largest(self, candidate: Candidate) -> list[tuple[GroupId, float, float]]:
         """Each group's mean and largest absolute discrepancy, in ln units; NaN where no reading shows one."""
@@ -151,6 +155,7 @@ def discrepancy(
     ]
     best = max(ends, key=lambda end: end.log_evidence)
     sigma_rel, sigma_abs = around.scatter_at(best.v)
+    measured = candidate.problem.design.measured
     mean, variance = around.discrepancy(best.v)
     heard = np.abs(around.predicted) > settings.silent * sigma_abs
     amplitude, level, reach = np.exp(best.v[-3:]).tolist()
@@ -160,7 +165,7 @@ def discrepancy(
         amplitude=amplitude,
         level=level,
         reach=reach,
-        sigma_rel=float(np.ravel(sigma_rel)[0]),
+        sigma_rel=dict(zip(measured.tolist(), np.broadcast_to(sigma_rel, measured.shape).tolist(), strict=True)),
         mean=np.where(heard, np.log(np.maximum(1 + mean / around.predicted, 1e-3)), 0.0),
         sd=np.where(heard, np.sqrt(np.maximum(variance, 0.0)) / np.abs(around.predicted), np.inf),
         hyper=best.v,
@@ -336,7 +341,8 @@ def _remembered(candidate: Candidate, rows: NDArray[np.intp]) -> FloatArray | No
     rho = noise.remembered(candidate.noise)
     if rho is None or not candidate.problem.design.traced[rows[0]]:
         return None
-    decay = np.cumsum(-np.log(rho[0, rows[1:]]))  # of the correlation with the first sample, in logarithm
+    least = np.finfo(float).tiny  # where a correlation underflows
+    decay = np.cumsum(-np.log(np.maximum(rho[0, rows[1:]], least)))  # of that with the first sample, in logarithm
     apart = np.append(0.0, decay)
     return np.exp(-np.abs(apart[:, None] - apart))
 

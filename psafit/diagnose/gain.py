@@ -252,7 +252,7 @@ def _forecasts(
         found = problem.predict(draws, [group_id], rng)
         scatter = problem.noise_values(draws, group)
         ranges.append(found)
-        spread = left[ids].elsewhere(noise.columns(scatter)[0][:, 0], rng)[:, None]
+        spread = left[ids].elsewhere(noise.columns(scatter)[0], group.measured, rng)
         each = rng.standard_normal(found.shape)
         # A trace is off as a whole.
         found = found * np.exp(spread * (each if group.time_us is None else each[:, :1]))

@@ -359,7 +359,7 @@ def isolability(
     settings, limits = settings or IsolabilitySettings(), tuple(limits)
     design, at = Design.of(constants, groups), [np.array(p) for p in places or RIGS.values()]
     usual = design.usually_measured
-    sweeps = [p.reading(usual, usual) for p in proposals(constants, groups, limits) if not p.changed]
+    sweeps = [p.reading(usual, usual, design.measured) for p in proposals(constants, groups, limits) if not p.changed]
     raw = [Effects.at(design, theta, catalogue, settings) for theta in at]
     effects = [one.refitted() for one in raw]
     ids = [t.id for t in catalogue]

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.residuals import (
@@ -201,10 +202,11 @@ class Misfit(Tested):
     odd_groups : tuple of group ids
         The group whose removal leaves nothing wrong, if there is one.
     odd_points : tuple of (group id, int)
-        Readings (numbered in the group from 0) beyond four standard deviations.
+        Readings (by their rows in the group's table, from 0) beyond four standard deviations.
     scores : (n_points,) array
         The residuals.
     n_simulated : int
+        Data sets that the tests rest on; none where no test is possible.
     refit : {"exact", "expansion"}
         How simulated data were refitted.
     usual_tails : float, optional
@@ -295,10 +297,9 @@ def examine(
     largest = excess.max(axis=0)
     p_value = float((1 + np.sum(largest[1:] >= largest[0])) / (1 + n_simulated))
     bar = float(np.quantile(largest[1:], 0.95))
-    quiet = noise.at_least(candidate.noise)[0] and np.mean(observed[0] ** 2) < 1.0
-    if problem.observed.size <= problem.n_physical or quiet:
-        # No test is possible with as many parameters as readings, nor where the readings have no scatter, as those of
-        # a simulation.
+    # No test is possible with as many parameters as readings, nor where the readings have no scatter.
+    tested = problem.observed.size > problem.n_physical and not noise.too_fine(candidate.noise, observed[0], ALPHA)
+    if not tested:
         p_value, bar = 1.0, math.inf
     statistics = [
         Statistic(
@@ -309,7 +310,7 @@ def examine(
     ]  # fmt: skip
     statistics.sort(key=lambda s: -s.excess)
     places = _places(problem, observed[0], simulated, candidate.predicted, settings)
-    coincidences = _coincidences(problem, observed[0], simulated, candidate.predicted)
+    coincidences = _coincidences(problem, observed[0], simulated, candidate.predicted) if tested else ()
     odd_points = tuple(numbered(problem, int(k)) for k in np.flatnonzero(np.abs(observed[0]) > settings.odd))
     character: Character = "none"
     odd_groups: tuple[GroupId, ...] = ()
@@ -322,7 +323,8 @@ def examine(
         how: dict[str, Any] = {"n_simulated": n_simulated, "exact": exact, "influence": False, "tails": False}
         usual = examine(held, catalogue, seed=seed, settings=settings, **how).p_value
     return Misfit(
-        p_value, tuple(statistics), places, coincidences, character, odd_groups, odd_points, observed[0], n_simulated,
+        p_value, tuple(statistics), places, coincidences, character, odd_groups, odd_points, observed[0],
+        n_simulated if tested else 0,
         "exact" if exact else "expansion", usual,
     )  # fmt: skip
 
@@ -341,6 +343,7 @@ def _simulated(candidate: Candidate, seed: int, n_simulated: int, exact: bool, s
     scatter = np.repeat(candidate.noise, n_simulated, axis=0)
     # An instrument does not show ranges below zero.
     fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), problem.floor)
+    fake[_silent(candidate, n_simulated, np.random.default_rng([seed, 7, 1]))] = 0.0
     starts = np.repeat(candidate.modes[:1], n_simulated, axis=0)
     refit = maximise_linearly(
         problem,
@@ -353,6 +356,17 @@ def _simulated(candidate: Candidate, seed: int, n_simulated: int, exact: bool, s
     if exact:
         refit = maximise(problem, refit.u, fake, schedule=((settings.exact_iterations, n_simulated),))
     return normal_scores(problem, refit.u, refit.predicted, fake, settings.clip)
+
+
+def _silent(candidate: Candidate, n: int, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Which readings of simulated data sets are of an instrument that shows nothing of a launch that fails.
+
+    The scatter puts half of such readings above zero. How many more are zero in the measured ones says how often the
+    instrument does so; (n, n_points).
+    """
+    failed = candidate.predicted <= candidate.problem.floor
+    more = 2.0 * np.mean(candidate.problem.observed[failed] == 0.0) - 1.0 if failed.any() else 0.0
+    return failed & (rng.random((n, failed.size)) < more)
 
 
 def oddness(table: FloatArray) -> FloatArray:

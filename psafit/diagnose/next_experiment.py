@@ -103,7 +103,9 @@ class Proposal:
         What else the drive has of a group's keys, such as `bias_v`, or `drive`, the file of a table; empty for a plain
         waveform.
     observable : str, optional
-        What is to be read, where that is not what the readings so far are of.
+        What is to be read, where that is not the first of what launches were read for, or else launch ranges.
+    other : bool
+        Whether that was not read before.
     time_us : list of float, optional
         Samples of a trace, from the start of the drive; its one launch has one frequency and one amplitude.
     """
@@ -120,6 +122,7 @@ class Proposal:
     drive: dict[str, Any] = field(default_factory=dict)
     observable: str | None = field(default=None, metadata=ABSENT)
     time_us: list[float] | None = field(default=None, metadata=ABSENT)
+    other: bool = field(default=False, metadata=ABSENT)
 
     @property
     def n_readings(self) -> int:
@@ -141,7 +144,7 @@ class Proposal:
     @property
     def as_it_is(self) -> bool:
         """Whether it needs neither another rig nor another instrument."""
-        return not self.constants and self.observable is None
+        return not self.constants and not self.other
 
     def measured(self, problem: Problem) -> int:
         """Number of what is to be read, as `psafit.observables.OBSERVABLES` counts."""
@@ -313,8 +316,8 @@ class Rehearsal:
 _Judgement = tuple[float, float | None, float]
 
 
-def proposal_of(possible: Possible, found: _Judgement, pairs: Iterable[Pair] = ()) -> Proposal:
-    """A measurement with what it would do."""
+def proposal_of(possible: Possible, found: _Judgement, usual: int = 0, pairs: Iterable[Pair] = ()) -> Proposal:
+    """A measurement with what it would do; `usual` is what is read where nothing else is said."""
     d = possible.design
     drive, traced = d.drives[d.drive[0]], bool(d.traced.any())
     some = slice(0, 1) if traced else slice(None)
@@ -322,7 +325,8 @@ def proposal_of(possible: Possible, found: _Judgement, pairs: Iterable[Pair] = (
     return Proposal(
         possible.text, drive.waveform, d.frequency[some].tolist(), d.amplitude[some].tolist(), possible.changed,
         separation, success, error, list(pairs), drive.settings,
-        OBSERVABLES[d.measured[0]].name if possible.other else None, (d.time * 1e6).tolist() if traced else None,
+        None if d.measured[0] == usual else OBSERVABLES[d.measured[0]].name,
+        (d.time * 1e6).tolist() if traced else None, possible.other,
     )  # fmt: skip
 
 
@@ -335,13 +339,14 @@ def possible_measurements(candidate: Candidate, settings: TraceSettings) -> list
     columns, read = experiment.readable, set(problem.design.measured.tolist())
     may = [k for k, o in enumerate(OBSERVABLES) if not columns or o.column in columns or k in read]
     of = sorted((k for k in may if not OBSERVABLES[k].traced), key=lambda k: k != usual)
-    of_launches = [p.reading(k, usual) for k in of for p in found if k == usual or not p.changed]
+    of_launches = [p.reading(k, usual, read) for k in of for p in found if k == usual or not p.changed]
     theta = problem.theta(candidate.modes[:1], ["a session to come"])
 
     def contact(design: Design) -> FloatArray:
         return contact_times(simulate(design, theta, problem.terms))[0]
 
-    return [*of_launches, *(p for p in traces(*rig, contact, settings) if p.design.measured[0] in may)]
+    of_traces = [p for p in traces(*rig, contact, settings) if p.design.measured[0] in may]
+    return [*of_launches, *(replace(p, other=p.design.measured[0] not in read) for p in of_traces)]
 
 
 def separating(
@@ -350,7 +355,7 @@ def separating(
     """Measurements by how well they would separate two models or more; best first."""
     settings = settings or ProposalSettings()
     rng = np.random.default_rng([seed, 17])
-    possible = possible_measurements(tied[0][0], settings.trace)
+    possible, usual = possible_measurements(tied[0][0], settings.trace), tied[0][0].problem.design.usually_measured
     forecasts: list[list[PredictedReadings]] = []
     # A glance at all of them, then a closer look at the best.
     for n_draws in (settings.glance, settings.draws):
@@ -364,7 +369,7 @@ def separating(
         judgement, apart = separation_of(each, rng, settings)
         ids = [list(c.ids) for c, _ in tied]
         two = itertools.combinations(range(len(tied)), 2)
-        found.append(proposal_of(p, judgement, [Pair(ids[i], ids[j], float(apart[i, j])) for i, j in two]))
+        found.append(proposal_of(p, judgement, usual, [Pair(ids[i], ids[j], float(apart[i, j])) for i, j in two]))
     return worth_building(found, settings.changed_rig)
 
 
@@ -378,6 +383,7 @@ def determine(
     settings = settings or ProposalSettings()
     rng = np.random.default_rng([seed, 17])
     possible, weak = possible_measurements(best_model, settings.trace), weakly_determined(best_model, draws)
+    usual = best_model.problem.design.usually_measured
     model = _Model.of(best_model, draws.resampled(settings.glance), rng)
     falls = np.array([narrowing(legible([model.forecast(p.design)], p)[0], model.u[:, weak])[0] for p in possible])
     which = int(np.argmax(falls.max(axis=0)))
@@ -386,7 +392,8 @@ def determine(
     def judged(possible: Sequence[Possible], rows: FloatArray) -> list[Proposal]:
         model = _Model.of(best_model, rows, rng)
         found = [narrowing(legible([model.forecast(p.design)], p)[0], model.u[:, [weak[which]]]) for p in possible]
-        return [proposal_of(p, (float(f[0]), None, float(e[0]))) for p, (f, e) in zip(possible, found, strict=True)]
+        each = zip(possible, found, strict=True)
+        return [proposal_of(p, (float(f[0]), None, float(e[0])), usual) for p, (f, e) in each]
 
     every = draws.resampled(2 * settings.draws)
     ranked = best_of(possible, [p.separation for p in judged(possible, every[::2])], settings.closer)
@@ -416,8 +423,9 @@ def explaining(
     settings = settings or ProposalSettings()
     experiment = explanations.candidate.problem.experiment
     rig = experiment.constants, experiment.groups, experiment.limits
-    usual = explanations.candidate.problem.design.usually_measured
-    possible = [p.reading(usual, usual) for p in (*near(*rig, places), *proposals(*rig))]
+    design = explanations.candidate.problem.design
+    usual, read = design.usually_measured, set(design.measured.tolist())
+    possible = [p.reading(usual, usual, read) for p in (*near(*rig, places), *proposals(*rig))]
     laws = [explanations.ahead(p.design) for p in possible]
 
     def judged(k: int, rng: np.random.Generator) -> _Judgement:
@@ -427,7 +435,7 @@ def explaining(
     first, second = (np.random.default_rng([seed, 17, k]) for k in range(2))
     kept = best_of(possible, [judged(k, first)[0] for k in range(len(possible))], settings.closer)
     # As above, what is reported of them comes from other trials.
-    return worth_building([proposal_of(possible[k], judged(k, second)) for k in kept], settings.changed_rig)
+    return worth_building([proposal_of(possible[k], judged(k, second), usual) for k in kept], settings.changed_rig)
 
 
 def worth_building(found: list[Proposal], hardly: float) -> list[Proposal]:

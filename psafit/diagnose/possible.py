@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -67,11 +67,11 @@ class Possible:
         """Whether it needs neither another rig nor another instrument."""
         return not self.changed and not self.other
 
-    def reading(self, measured: int, usual: int) -> Possible:
-        """Return the measurement with another observable read."""
+    def reading(self, measured: int, usual: int, read: Collection[int]) -> Possible:
+        """Return the measurement with an observable read; what is said of the usual one is no more if it was `read`."""
         o, design = OBSERVABLES[measured], replace(self.design, measured=np.full(self.design.n_points, measured))
-        text = self.text if measured == usual else f"{self.text}, and read {o.titles}"
-        return replace(self, text=text, design=design, other=measured != usual)
+        text = self.text if measured == usual and usual in read else f"{self.text}, and read {o.titles}"
+        return replace(self, text=text, design=design, other=measured not in read)
 
 
 def proposals(
@@ -94,10 +94,10 @@ def proposals(
     how = settings or SweepSettings()
     points = how.points
     # A recorded voltage is as it is: it can be played again, and to another rig.
-    swept, limits = [g for g in groups if not g.drive.recorded], dict(allowed)
+    limits = dict(allowed)
     again = [g for g in groups if g.drive.recorded]
     found: list[Possible] = []
-    span = _Span.of(constants, swept, limits) if swept else None
+    span = _Span.of(constants, groups, limits)
     for words, changed in _rigs(constants, limits, how.factors, how.same_rig):
         rig = replace(constants, **changed)
         found += _sweeps(rig, span, words, changed, points) if span else []
@@ -110,46 +110,58 @@ def proposals(
 
 @dataclass(frozen=True)
 class _Span:
-    """What launches may be driven by, within limits or the span of some groups: Hz and V.
+    """What launches may be driven by, within limits or the span of some groups: Hz, and V of each drive.
 
-    `fixed` are frequencies in between, at which something else is varied, or a trace taken.
+    `fixed` are frequencies in between, at which something else is varied, or a trace taken. What one drive was taken to
+    may be too much for another, with a bias or of both signs: each has the span of its own groups.
     """
 
     frequency: tuple[float, float]
-    amplitude: tuple[float, float]
     fixed: tuple[float, ...]
-    drives: tuple[Drive, ...]
+    amplitudes: Mapping[Drive, tuple[float, float]]
 
     @classmethod
-    def of(cls, constants: Constants, groups: Sequence[Conditions], limits: Mapping[str, tuple[float, float]]) -> _Span:
-        """Return the span of groups whose frequency can be chosen; the samples of a trace are one launch."""
-        every = Design.of(constants, [g if g.time_us is None else g.at(slice(0, 1)) for g in groups])
+    def of(
+        cls, constants: Constants, groups: Sequence[Conditions], limits: Mapping[str, tuple[float, float]]
+    ) -> _Span | None:
+        """Return the span of groups whose frequency and amplitude can be chosen; None without any.
+
+        The samples of a trace are one launch.
+        """
+        swept = [g for g in groups if not g.drive.recorded and ("amplitude_v" in limits or g.amplitude_v.any())]
+        if not swept:
+            return None
+        every = Design.of(constants, [g if g.time_us is None else g.at(slice(0, 1)) for g in swept])
         low_f, high_f = limits.get("frequency_hz") or np.quantile(every.frequency, (0.02, 0.98)).tolist()
         # Round numbers, unless they are not allowed.
         fixed = (min(max(float(f"{f:.2g}"), low_f), high_f) for f in np.geomspace(low_f, high_f, 6)[1:-1])
-        if "amplitude_v" in limits:
-            bottom, top = limits["amplitude_v"]
-        else:
-            top = float(every.amplitude.max())
-            bottom = float(every.amplitude[every.amplitude > 0].min())
-            if top <= 1.5 * bottom:
-                bottom = top / 10
         # Who drives with a plain sine or square may do either.
-        used = list(dict.fromkeys(g.drive for g in groups))
+        used = list(dict.fromkeys(g.drive for g in swept))
         drives = dict.fromkeys([*_EITHER, *used] if set(_EITHER) & set(used) else used)
-        return cls((low_f, high_f), (bottom, top), tuple(fixed), tuple(drives))
+        amplitudes = {}
+        for drive in drives:
+            same = _EITHER if drive in _EITHER else (drive,)
+            volts = np.concatenate([g.amplitude_v[g.amplitude_v > 0] for g in swept if g.drive in same])
+            amplitudes[drive] = limits.get("amplitude_v") or _from_least(volts)
+        return cls((low_f, high_f), tuple(fixed), amplitudes)
+
+
+def _from_least(volts: FloatArray) -> tuple[float, float]:
+    """Return the least and the largest of some amplitudes; where they hardly differ, from a tenth."""
+    bottom, top = float(volts.min()), float(volts.max())
+    return (bottom if top > 1.5 * bottom else top / 10), top
 
 
 def _sweeps(rig: Constants, span: _Span, words: str, changed: dict[str, float], points: int) -> Iterator[Possible]:
     """Sweeps of a rig by frequency and by amplitude."""
-    (low_f, high_f), (bottom, top) = span.frequency, span.amplitude
+    low_f, high_f = span.frequency
     shares = (1.0, 0.5, 0.2) if _say(low_f) != _say(high_f) else ()
-    for drive in span.drives:
+    for drive, (bottom, top) in span.amplitudes.items():
         for share in shares:
             volts = max(top * share, min(bottom, top))
             yield _sweep(rig, drive, "frequency", span.frequency, volts, points, words, changed)
         for at in span.fixed:
-            yield _sweep(rig, drive, "amplitude", span.amplitude, at, points, words, changed)
+            yield _sweep(rig, drive, "amplitude", (bottom, top), at, points, words, changed)
 
 
 def near(
@@ -170,13 +182,12 @@ def near(
     settings : SweepSettings, optional
     """
     how, limits, found = settings or SweepSettings(), dict(allowed), []
-    swept = [g for g in groups if not g.drive.recorded]
-    span = _Span.of(constants, swept, limits) if swept else None
+    span = _Span.of(constants, groups, limits)
     for id, variable, low, high in places:
-        group = next((g for g in swept if g.id == id), None)
-        if span is None or group is None or group.time_us is not None:
+        group = next((g for g in groups if g.id == id), None)
+        if span is None or group is None or group.time_us is not None or group.drive not in span.amplitudes:
             continue
-        of, other, limit = group.frequency_hz, group.amplitude_v, span.amplitude
+        of, other, limit = group.frequency_hz, group.amplitude_v, span.amplitudes[group.drive]
         if variable != "frequency":
             of, other, limit = other, of, span.frequency
         ends = max(of[of < low], default=low), min(of[of > high], default=high)
@@ -227,11 +238,10 @@ def traces(
         Says of a design how long its contacts last, (n_points,), s; NaN where nothing is launched.
     settings : TraceSettings
     """
-    swept, found = [g for g in groups if not g.drive.recorded], []
+    found = []
     launches = [(g.drive, float(g.frequency_hz[0]), float(g.amplitude_v[0])) for g in groups if g.drive.recorded]
-    if swept:
-        span = _Span.of(constants, swept, dict(allowed))
-        launches += [(drive, f, span.amplitude[1]) for drive in span.drives for f in span.fixed]
+    if span := _Span.of(constants, groups, dict(allowed)):
+        launches += [(drive, f, top) for drive, (_, top) in span.amplitudes.items() for f in span.fixed]
     for drive, f, v in dict.fromkeys(launches):
         lasts = float(contact(Design.sweep(constants, drive, f, v))[0])
         # A launch that fails is followed for one period.

@@ -79,9 +79,10 @@ def normal_scores(
 
 
 def numbered(problem: Problem, row: int) -> tuple[GroupId, int]:
-    """The group of a row of the design, and the reading's number in it, from 0."""
+    """The group of a row of the design, and the row of the group's table that holds the reading, from 0."""
     group = problem.design.group
-    return problem.group_ids[group[row]], int(row - np.searchsorted(group, group[row]))
+    id = problem.group_ids[group[row]]
+    return id, int(problem.experiment.group(id).row[row - np.searchsorted(group, group[row])])
 
 
 def sweeps(problem: Problem) -> list[tuple[GroupId, Variable, NDArray[np.intp]]]:
@@ -212,7 +213,8 @@ def _spanned(columns: FloatArray) -> FloatArray:
 def shared(problem: Problem) -> dict[Variable, list[NDArray[np.intp]]]:
     """Rows of the design at which several groups that sweep the same variable meet, by that variable.
 
-    A row a group. Values meet that are nearer to each other than half the least step of any of these sweeps.
+    A row a group. Values meet that are nearer to each other than half the least step of any of these sweeps; where none
+    has a step, equal ones.
     """
     ordered: dict[tuple[Variable, int], list[NDArray[np.intp]]] = {}
     for _, variable, rows in sweeps(problem):
@@ -224,7 +226,8 @@ def shared(problem: Problem) -> dict[Variable, list[NDArray[np.intp]]]:
         steps = np.concatenate([np.diff(np.unique(value[rows])) for rows in groups])
         rows = np.concatenate(groups)
         rows = rows[np.argsort(value[rows], kind="stable")]
-        apart = np.flatnonzero(np.diff(value[rows]) >= 0.5 * steps.min(initial=np.inf)) + 1
+        step = 0.5 * steps.min() if steps.size else np.finfo(float).tiny
+        apart = np.flatnonzero(np.diff(value[rows]) >= step) + 1
         meeting = [part[np.unique(group[part], return_index=True)[1]] for part in np.split(rows, apart)]
         if meeting := [part for part in meeting if part.size > 1]:
             found.setdefault(variable, []).extend(meeting)

@@ -257,13 +257,14 @@ def misfit_of(
     firm: Robustness | None = None,
 ) -> MisfitResult:
     """Return what the tests say of baseline and best model, and what a smooth curve finds given the best model."""
+    first = int(best_model.problem.design.measured.min())
     return MisfitResult(
         p_value=before.p_value,
         where=_where(before),
         baseline=_tests(before, baseline),
         extended=None if after is None else _tests(after, best_model, _where(after)),
         leftover=DiscrepancyResult(
-            left.log_bayes, left.amplitude, left.level, left.reach, left.sigma_rel,
+            left.log_bayes, left.amplitude, left.level, left.reach, left.sigma_rel[first],
             [GroupDiscrepancy(g, _finite(m), _finite(x)) for g, m, x in left.largest(best_model)], left.mean.tolist(),
             [_finite(s) for s in left.sd],
         ),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from psafit.errors import ConvergenceError
 from psafit.inference.evidence import TRUSTED, RoundSettings, drawn_about, quantiles
 from psafit.model_search import Ids, ModelSet
 from psafit.physics.term import Term
@@ -57,15 +58,18 @@ def room(
     Returns
     -------
     Room or None
-        None where the model was not fitted, as of a set that is as large as a search goes, or the weights are not to be
-        trusted.
+        None where the model was not fitted, as of a set that is as large as a search goes, no draw lies within its
+        bounds, or the weights are not to be trusted.
     """
     larger = {*adopted, term.id}
     fitted = next((c for c in model_set.candidates if {*c.ids} == larger), None)
     if fitted is None:
         return None
     needed = RoundSettings(draws=draws, least=1, most=rounds, effective=1.0 / (1.0 - limit))
-    pool, predicted = drawn_about(fitted, np.random.default_rng([seed, 31]), needed)
+    try:
+        pool, predicted = drawn_about(fitted, np.random.default_rng([seed, 31]), needed)
+    except ConvergenceError:
+        return None
     found = pool.sample()
     if found.effective < needed.effective or found.pareto_k > TRUSTED:
         return None

@@ -31,7 +31,7 @@ from psafit.diagnose.residuals import conditions, in_session, sweeps
 from psafit.experiment import GroupId, by_part, read_as
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
-from psafit.observables import LAUNCH_RANGE, recorded_name
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, recorded_name
 from psafit.records import ABSENT
 from psafit.validate import without_each
 
@@ -169,6 +169,8 @@ class Offset:
     n_conditions : int
     factor, lower, upper : float
         Of the second over the first, with its 90 % interval by the fitted scatter.
+    observable : str, optional
+        What is read; None for launch ranges.
     """
 
     first: GroupId
@@ -177,28 +179,36 @@ class Offset:
     factor: float
     lower: float
     upper: float
+    observable: str | None = field(default=None, metadata=ABSENT)
 
 
 def offsets(candidate: Candidate) -> list[Offset]:
-    """Every pair of sessions that share conditions at which both have readings above zero."""
+    """Every pair of sessions that share conditions at which both have readings above zero, by what is read.
+
+    (Samples of a trace are no conditions: their errors are correlated.)
+    """
     problem, group = candidate.problem, candidate.problem.design.group
     y, nu = problem.observed, noise.columns(candidate.noise)[2][0]
     # The scale of Student's law is less than its standard deviation.
     wide = np.sqrt(nu / np.maximum(nu - 2, 1e-12))
     relative = np.where(nu > 2, candidate.scatter * wide / np.maximum(y, 1e-9), 1.0)
-    found: dict[tuple[int, int], list[tuple[float, float]]] = {}
+    found: dict[tuple[int, int, int], list[tuple[float, float]]] = {}
     for rows in conditions(problem.design):
+        if problem.design.traced[rows[0]]:
+            continue
         sessions = {k: rows[(group[rows] == k) & (y[rows] > 0)] for k in np.unique(group[rows]).tolist()}
         for a, b in itertools.combinations([k for k, own in sessions.items() if own.size], 2):
             logs = [float(np.log(y[sessions[k]]).mean()) for k in (a, b)]
             variance = sum(float(np.sum(relative[sessions[k]] ** 2)) / sessions[k].size ** 2 for k in (a, b))
-            found.setdefault((a, b), []).append((logs[1] - logs[0], variance))
+            of = int(problem.design.measured[rows[0]])
+            found.setdefault((a, b, of), []).append((logs[1] - logs[0], variance))
     result = []
-    for (a, b), pairs in found.items():
+    for (a, b, of), pairs in found.items():
         ratio, weight = np.array([p[0] for p in pairs]), 1 / np.array([p[1] for p in pairs])
         mean, sd = float(np.average(ratio, weights=weight)), float(1 / np.sqrt(weight.sum()))
-        ends = np.exp([mean, mean - 1.645 * sd, mean + 1.645 * sd]).tolist()
-        result.append(Offset(problem.group_ids[a], problem.group_ids[b], len(pairs), *ends))
+        factor, low, high = np.exp([mean, mean - 1.645 * sd, mean + 1.645 * sd]).tolist()
+        name = recorded_name(OBSERVABLES[of])
+        result.append(Offset(problem.group_ids[a], problem.group_ids[b], len(pairs), factor, low, high, name))
     return result
 
 
@@ -271,13 +281,16 @@ def corners(candidate: Candidate, settings: CornerSettings | None = None) -> lis
     """Corners of the sweeps in which the readings or the predictions have one."""
     s = settings or CornerSettings()
     result = []
+    design = candidate.problem.design
+    absolute = np.broadcast_to(noise.columns(candidate.noise)[1][0], design.measured.shape)
+    absolute = absolute[design.measured == design.measured.min()]  # of the first observable
     for group_id, variable, x, y, p, relative in _logarithms(candidate):
         # By its neighbours, since a reading weighted by itself counts more where it errs upwards.
         usual = median_filter(y, s.neighbours, mode="nearest")
         relative = relative * np.exp(y - usual)
-        clear = noise.columns(candidate.noise)[1][0, 0] < s.clear * np.exp(usual)
+        clear = absolute[0] < s.clear * np.exp(usual)
         x, y, p, relative = x[clear], y[clear], p[clear], relative[clear]
-        if x.size < s.fewest or x[-s.each_side] - x[s.each_side - 1] < 0.1:
+        if x.size < s.fewest or not np.ptp(y) or x[-s.each_side] - x[s.each_side - 1] < 0.1:
             continue
         places = np.linspace(x[s.each_side - 1], x[-s.each_side], s.places)
         weight = 1 / relative

@@ -254,8 +254,11 @@ def suspicious_conditions(group: Group, least: int = 5) -> list[str]:
         Readings at fewer conditions, rounded as instruments do, may all be equal.
     """
     f_max, v_max = float(group.frequency_hz.max()), float(group.amplitude_v.max())
-    hertz, volts = _suspicious_hertz(f_max), [] if group.drive.recorded else _suspicious_volts(v_max)
-    if hertz and volts and not _suspicious_hertz(v_max) and not _suspicious_volts(f_max):
+    hertz, volts = (
+        _suspicious_hertz(f_max),
+        [] if group.drive.recorded else _suspicious_volts(v_max, bool(group.driven.any())),
+    )
+    if hertz and volts and not _suspicious_hertz(v_max) and not _suspicious_volts(f_max, f_max > 0):
         return [f"frequencies end at {f_max:g} Hz, and amplitudes reach {v_max:g} V; are their columns swapped?"]
     found = [*hertz, *volts]
     for part in () if group.time_us is not None else group.parts:
@@ -299,11 +302,11 @@ def _unreached(drive: Drive, volts: FloatArray, v_max: float, reach: float = 0.8
     return []
 
 
-def _suspicious_volts(v_max: float) -> list[str]:
-    """What the greatest amplitude says."""
-    if v_max == 0:
+def _suspicious_volts(v_max: float, driven: bool) -> list[str]:
+    """What the greatest amplitude says, of launches of which some are `driven`, if by a bias alone."""
+    if not driven:
         return ["every amplitude is zero: nothing drives the ball"]
-    if v_max < 0.1:
+    if 0 < v_max < 0.1:
         asked = in_another_unit("V", ["kV"], ["mV"], large=False)
         return [f"every amplitude is below 0.1 V (greatest {v_max:g}); {asked}?"]
     return [f"amplitudes reach {v_max:g} V, above 1 kV; {_VOLTS}?"] if v_max > 1000 else []

@@ -141,6 +141,13 @@ class Conditions:
         return min(reached), max(reached)
 
     @property
+    def driven(self) -> NDArray[np.bool_]:
+        """Which launches have a voltage that leaves rest, (n,)."""
+        if self.drive.recorded:
+            return np.full(self.amplitude_v.shape, any(v != self.drive.idle_v for v in self.volts))
+        return (self.amplitude_v > 0) | (self.drive.bias_v != self.drive.idle_v)
+
+    @property
     def floor(self) -> float:
         """Smallest reading possible: zero, of launches; none, along a trace."""
         return 0.0 if self.time_us is None else -math.inf

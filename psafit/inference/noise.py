@@ -33,6 +33,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import digamma, gammaln, stdtr
+from scipy.stats import chi2
 
 from psafit.arrays import FloatArray
 from psafit.observables import LAUNCH_RANGE
@@ -176,6 +177,21 @@ def at_least(noise: FloatArray, margin: float = 1.1) -> NDArray[np.bool_]:
     What is left is then below what any rig repeats to.
     """
     return np.asarray((columns(noise)[0] <= margin * PARAMETERS[0].bounds.lower).all(axis=1))
+
+
+def too_fine(noise: FloatArray, scores: FloatArray, level: float) -> bool:
+    """Whether readings scatter less than the least relative scatter makes them, as those of a simulation do.
+
+    Parameters
+    ----------
+    noise : as of `scale`
+        One row.
+    scores : (n_points,) array
+        Their normal scores.
+    level : float
+        Probability of squares that are as small together, below which they are.
+    """
+    return bool(at_least(noise)[0] and chi2.cdf(np.sum(scores**2), scores.size) < level)
 
 
 def log_density(observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:

@@ -16,6 +16,7 @@ from psafit.diagnose.answer import (
     Judged,
     Kind,
     Named,
+    OneGroup,
     Room,
     Searched,
     Sizes,
@@ -341,3 +342,22 @@ def test_a_baseline_that_chance_may_have_passed_is_called_narrow(p_value: float,
     (judged,) = of(record(), Judged)
     said = replace(judged, adequate="yes", p_value=p_value, simulated=simulated).say(PLAIN)
     assert ("so it passes narrowly" in said) is narrow
+
+
+def test_what_cannot_be_tested_is_said_to_be_so() -> None:
+    """No share of no data sets; the chance that no cause shows stays."""
+    said = Judged("yes", 1.0, 0, 0.9, False).say(PLAIN)
+    assert said.startswith("The baseline cannot be tested: ") and said.endswith("no cause shows is 90 %.")
+    assert "data sets" not in said
+    assert Judged("improbable", 1.0, 0, 0.1, False).say(PLAIN).endswith("improbable compared with an extended model.")
+
+
+def test_no_part_is_larger_than_its_whole() -> None:
+    """Where other groups lose, the one that gains is said to gain, and they to lose."""
+    assert OneGroup(1, 7.0, 12.0, None).say(PLAIN) == (
+        "The named causes gain 12.0 nats in group 1 and lose 5.0 nats in the others."
+    )
+    assert OneGroup(1, 7.0, 6.0, 5.0).say(PLAIN) == (
+        "Of the 7.0 nats that the named causes gain, group 1 contributes 6.0 nats; fitted to the other groups alone,"
+        " they gain 5.0 nats."
+    )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rigs import RIG
 from truths import bump, experiment, problem
 
-from psafit.diagnose.discrepancy import Discrepancy, DiscrepancySettings, Expansion, discrepancy, stretch
+from psafit.diagnose.discrepancy import Discrepancy, DiscrepancySettings, Expansion, _remembered, discrepancy, stretch
 from psafit.inference.candidate import fit
 from psafit.inference.problem import Problem
 from psafit.physics import terms
@@ -80,9 +81,31 @@ def test_a_session_not_seen_may_err_as_the_prior_says():
     for groups in (("a",), ("a", "b", "c")):
         e = experiment(groups=groups)
         candidate = fit(Problem(e, groups), (), seed=1, draws=256, most=8)
-        spreads.append(np.median(discrepancy(candidate).elsewhere(np.full(2000, 0.04), rng)))
+        spreads.append(np.median(discrepancy(candidate).elsewhere(np.full((2000, 1), 0.04), np.zeros(1, np.int8), rng)))
     assert 0.03 < spreads[0] < 0.3
     assert spreads[1] < 0.7 * spreads[0]
+
+
+def test_only_the_scatter_of_what_was_fitted_stood_for_a_discrepancy():
+    """That of contact times, half a per cent, says nothing of what launch ranges lacked, nor the other way round."""
+    found = Discrepancy(0, 0, 0.1, 0.1, 0.7, {0: 0.01}, np.zeros(1), np.ones(1), np.full(5, -9.0), 1e-12 * np.eye(5))
+    ranges, times = (
+        found.elsewhere(np.full((3, 2), sigma), np.full(2, k, np.int8), np.random.default_rng(1))
+        for sigma, k in ((0.006, 0), (0.005, 2))
+    )
+    assert ranges == pytest.approx(0.008, rel=1e-3) and (times < 2e-4).all()
+
+
+def test_samples_far_apart_have_errors_of_their_own(sound):
+    """So far that the correlation underflows; those before are as far from all of them."""
+    noise = np.full((1, 4, 5), 0.05)
+    noise[0, 3] = [np.nan, 0.5, 0.0, 0.5, 0.25]
+    design = replace(sound.problem.design, time=np.zeros(sound.problem.design.n_points))
+    traced = SimpleNamespace(noise=noise, problem=SimpleNamespace(design=design))
+    correlation = _remembered(traced, np.arange(5))
+    assert np.isfinite(np.linalg.cholesky(correlation)).all()
+    assert correlation[0] == pytest.approx([1.0, 0.5, 0.0, 0.0, 0.0])
+    assert correlation[2, 3:] == pytest.approx([0.5, 0.125])
 
 
 def test_readings_that_say_nothing_do_not_dilute_a_discrepancy(sound):
@@ -91,7 +114,7 @@ def test_readings_that_say_nothing_do_not_dilute_a_discrepancy(sound):
     quiet = sound.problem.design.group == 1
     quiet[:20] = True
     mean[quiet], sd[quiet] = 0.0, np.inf
-    found = Discrepancy(0.0, 0.0, 0.1, 0.1, 0.7, 0.04, mean, sd, np.zeros(5), np.eye(5)).largest(sound)
+    found = Discrepancy(0.0, 0.0, 0.1, 0.1, 0.7, {0: 0.04}, mean, sd, np.zeros(5), np.eye(5)).largest(sound)
     assert [g for g, *_ in found] == ["a", "b", "c"]
     assert np.array_equal(
         [reported for _, *reported in found], [[0.5, 0.5], [np.nan, np.nan], [0.5, 0.5]], equal_nan=True

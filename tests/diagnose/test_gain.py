@@ -44,7 +44,7 @@ def test_a_discrepancy_widens_and_moves_nothing(monkeypatch):
     found = []
     for size in (0.0, 0.5):
         monkeypatch.setattr(
-            Discrepancy, "elsewhere", lambda self, scatter, rng, size=size: np.full(scatter.shape, size)
+            Discrepancy, "elsewhere", lambda self, scatter, measured, rng, size=size: np.full(scatter.shape, size)
         )
         found.append(split(model_set, ("b",), 1).before[0])
     exact, vague = found

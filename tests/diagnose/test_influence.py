@@ -56,9 +56,7 @@ def test_the_page_shows_them(tmp_path) -> None:
     found = Influence([Carried("hysteresis", nats.tolist(), float(nats.sum()), 1, groups)], tail.tolist())
     record = replace(make_record(e), influence=found)
     (said,) = [s.say(PLAIN) for s in answer(record) if isinstance(s, LivesOn)]
-    assert (
-        said == "Half of what speaks for a cause comes from this many readings: hysteresis, 1 of 42, most in group 1."
-    )
+    assert said == "Half of what speaks for hysteresis comes from 1 of the 42 readings, most in group 1."
     page = build(record, e, tmp_path)
     assert "Readings that support a cause" in page.text and "1 reading of 42 gives half" in page.text
     assert "Group 1 200 Hz 20.0 V 0.83" in page.text

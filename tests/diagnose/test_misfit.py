@@ -118,6 +118,10 @@ def test_where_sweeps_meet(sound):
     near = problem(replace(e, groups=(*e.groups[:2], third)))
     assert [len(rows) for rows in shared(near)["frequency"]] == [2] * 24
     assert not shared(problem(e, ("a", "b")))
+    # Groups of one reading have no step: equal frequencies meet, and no others.
+    single = [replace(e.groups[0].at([k]), id=str(i)) for i, k in enumerate((0, 5, 9, 5))]
+    (rows,) = shared(problem(replace(e, groups=tuple(single))))["frequency"]
+    assert rows.tolist() == [1, 3]
 
 
 def test_two_that_stand_out_to_the_same_side():
@@ -201,7 +205,28 @@ def test_readings_that_scatter_less_than_any_instrument_accuse_nothing():
     assert examine(fit(replace(one, terms=terms(ids)), (), seed=1), (), seed=1).p_value < 1.0
 
 
+@pytest.mark.parametrize("shows", ["nothing", "noise"])
+def test_launches_that_fail_accuse_nothing(shows):
+    """Whether an instrument shows exactly nothing of them or its noise, cut off at zero."""
+    e = experiment(groups=("a", "b"), seed=6)
+    noise = np.maximum(0.05 * np.random.default_rng(3).standard_normal(24), 0.0).round(3)
+    still = replace(e.groups[1], amplitude_v=np.zeros(24), reading=noise if shows == "noise" else np.zeros(24))
+    groups = (e.groups[0], replace(still, frequency_hz=e.groups[0].frequency_hz))
+    one = problem(replace(e, groups=groups, fingerprint=fingerprint(RIG, groups)))
+    assert examine(fit(one, (), seed=1, draws=256, most=8), FEW, seed=1, n_simulated=99).p_value > 0.05
+
+
+def test_a_scatter_that_is_absolute_alone_is_tested():
+    """Ranges to two micrometres, whatever they are: the relative part is at its least, and they scatter."""
+    e = experiment(relative=0.0)
+    rough = 2.0 * np.random.default_rng(2).standard_normal(72)
+    readings = np.maximum(np.concatenate([g.reading for g in e.groups]) + rough, 0.0).round(3)
+    found = examine(fit(problem(e.with_readings(readings)), (), seed=1, draws=256, most=8), FEW, seed=1, n_simulated=99)
+    assert found.n_simulated == 99 and 0.05 < found.p_value < 1.0
+
+
 def test_what_meets_every_reading_is_not_tested():
     for e in (few([80.0]), few([80.0, 60.0, 40.0])):
         found = examine(fit(problem(e), (), seed=1, draws=64, most=4), FEW, seed=1, n_simulated=99)
         assert found.p_value == 1 and not found.wrong and not any(s.significant for s in found.statistics)
+        assert found.n_simulated == 0

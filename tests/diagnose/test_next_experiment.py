@@ -20,7 +20,7 @@ from psafit.diagnose.next_experiment import (
 )
 from psafit.diagnose.possible import TraceSettings, proposals
 from psafit.drives import Drive, Table
-from psafit.experiment import read_experiment, read_plan, write_experiment
+from psafit.experiment import fingerprint, read_experiment, read_plan, write_experiment
 from psafit.inference import noise
 from psafit.inference.evidence import importance_sample
 from psafit.observables import OBSERVABLES
@@ -148,6 +148,35 @@ def test_proposals_keep_to_stated_limits(sound):
     assert all(p.design.frequency.tolist() == [5.0] * 16 for p in possible((("frequency_hz", (5.0, 5.0)),)))
 
 
+def test_each_drive_keeps_to_what_it_was_taken_to():
+    """A unipolar 100 V is no sine of 100 V; a bias step without a sweep has no amplitude to vary."""
+    e = experiment(n=6, groups=("a", "b"))
+    unipolar = replace(e.groups[0], drive=Drive("unipolar_sine"), amplitude_v=np.full(6, 100.0))
+    step = replace(e.groups[1], id="c", drive=Drive("square", bias_v=20.0), amplitude_v=np.zeros(6))
+    found = proposals(RIG, [unipolar, e.groups[1], step], ())
+    most = {
+        d: max(p.design.amplitude.max() for p in found if p.design.used == (d,)) for p in found for d in p.design.used
+    }
+    assert most == {Drive("sine"): 20.0, Drive("square"): 20.0, Drive("unipolar_sine"): 100.0}
+    assert proposals(RIG, [step], ()) == []
+
+
+def test_what_is_read_already_needs_no_instrument(sound):
+    """Of a rig that reads contact times only a launch range is new, and so it is to one that takes traces only."""
+    e = sound.problem.experiment
+    for k in (OBSERVABLES.index(o) for o in OBSERVABLES if o.name in ("contact_time", "velocity")):
+        time = 10.0 * (1 + np.arange(24)) if OBSERVABLES[k].traced else None
+        at = {"frequency_hz": np.full(24, 900.0), "amplitude_v": np.full(24, 20.0)} if OBSERVABLES[k].traced else {}
+        group = replace(e.groups[0], measured=np.full(24, k, np.int8), time_us=time, **at)
+        rig = replace(e, groups=(group,), fingerprint=fingerprint(RIG, (group,)))
+        here = replace(sound, problem=replace(sound.problem, experiment=rig, group_ids=("a",)))
+        here = replace(here, modes=here.problem.medians[None])
+        possible = next_experiment.possible_measurements(here, TraceSettings(samples=8))
+        assert {p.design.measured[0] for p in possible if not p.other} == {k}
+        ranges = [p for p in possible if p.design.measured[0] == 0]
+        assert ranges and all(p.other and p.text.endswith("and read launch ranges") for p in ranges)
+
+
 def test_one_proposal_leaves_the_rig_as_it_is(sound):
     """... though every other string separates more: it is the one that can be rehearsed with what was measured."""
     rng = np.random.default_rng(1)
@@ -175,7 +204,7 @@ def test_another_observable_must_do_markedly_more():
     one = next_experiment.Proposal("ranges", "sine", [1.0], [1.0], {}, 1.0, None, 0.01)
     assert one.as_it_is
     for separation, first in ((1.05, "ranges"), (1.3, "times")):
-        other = replace(one, text="times", observable="contact_time", separation=separation)
+        other = replace(one, text="times", observable="contact_time", other=True, separation=separation)
         assert not other.as_it_is
         assert next_experiment.worth_building([other, one], 0.1)[0].text == first
 

@@ -31,6 +31,20 @@ def test_sessions_are_compared_where_they_share_a_condition(sound):
     assert (found.first, found.second, found.n_conditions) == ("a", "again", 8)
     assert found.factor == pytest.approx(1.33, rel=1e-3) and 1 < found.lower < 1.33 < found.upper
     assert offsets(sound) == []
+    # Contact times of the same launches are compared by themselves.
+    both = [
+        replace(g.at(np.r_[0:8, 0:8]), id=g.id, measured=np.repeat([0, 2], 8).astype(np.int8), reading=readings)
+        for g, readings in (
+            (first, np.r_[first.reading, np.full(8, 90.0)]),
+            (twice, np.r_[twice.reading, np.full(8, 91.0)]),
+        )
+    ]
+    mixed = fit(
+        problem(replace(few, groups=tuple(both), fingerprint=fingerprint(RIG, both))), (), seed=1, draws=64, most=2
+    )
+    found, times = offsets(mixed)
+    assert found.factor == pytest.approx(1.33, rel=1e-3) and found.observable is None
+    assert times.factor == pytest.approx(91 / 90, rel=1e-3) and times.observable == "contact_time"
     # The time that a reading was taken is only known where sweeps went to and fro.
     assert "order" not in {d.variable for d in drift(one)}
     rng = np.random.default_rng(0)

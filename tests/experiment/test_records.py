@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from folders import write
 
+from psafit.drives import Drive, Table
 from psafit.errors import InputError
 from psafit.experiment import Conditions, Constants, Group, describe, read_experiment
 
@@ -115,3 +116,18 @@ def test_group_checks_itself() -> None:
 def test_constants_check_themselves() -> None:
     with pytest.raises(ValueError, match="constant g"):
         Constants(0.027, 0.005, 1.2e-7, 0.09, 4.89e7, -9.81)
+
+
+def test_what_moves_is_driven_whatever_its_amplitude() -> None:
+    """A step by a bias, and a recording, which is taken as it is; not a bias at which the stack rests."""
+    f, v = np.full(2, 500.0), np.array([0.0, 5.0])
+
+    def driven(drive: Drive) -> list[bool]:
+        return Conditions("1", drive, "1.csv", f, v).driven.tolist()
+
+    assert driven(Drive("sine")) == [False, True]
+    assert driven(Drive("sine", bias_v=10.0, idle_v=10.0)) == [False, True]
+    assert driven(Drive("square", bias_v=20.0)) == [True, True]
+    for level, moves in ((3.0, True), (0.0, False)):
+        table = Table(np.array([0.0, 1e-4, 2e-4]), np.array([0.0, level, 0.0]), True)
+        assert driven(Drive("table", table=table, file="drive.csv")) == [moves, moves]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from commands import run
 
-from psafit.cli.common import costly
+from psafit.cli.common import costly, long_sweeps
 from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, write_experiment
 from psafit.inference import cost as costs
@@ -66,6 +66,16 @@ def test_commands_say_what_a_fit_takes(
         assert "takes about 2 h" in said and ("a diagnosis takes that at least" in said) == (command == ["diagnose"])
         run(monkeypatch, command[0], tmp_path / "rig", *command[1:], "--out", tmp_path / "out", "--quiet")
         assert "takes about" not in capsys.readouterr().err
+
+
+def test_a_diagnosis_says_which_sweep_is_long(known: Experiment) -> None:
+    """The cost grows with the third power: 2,400 readings take 64 times what 600 take, 8 s, four times."""
+    assert long_sweeps(known) == []
+    first = known.groups[0]
+    many = replace(known, groups=(first.at(np.resize(np.arange(first.n_points), 2400)),))
+    (said,) = long_sweeps(many)
+    assert "take about 34 min with 2,400 readings in one sweep; 1,500 of them take 10 min" in said
+    assert long_sweeps(many, minutes=35) == []
 
 
 def still(group: Group) -> Group:

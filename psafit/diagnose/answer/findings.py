@@ -87,6 +87,16 @@ class Judged(Statement):
         return 0 <= self.p_value - ALPHA < 2.0 * math.sqrt(ALPHA * (1.0 - ALPHA) / self.simulated)
 
     def say(self, words: Words) -> str:
+        rest = words.per_cent(self.share)
+        if self.adequate == "together":
+            rest = "several groups"
+        elif self.adequate == "improbable":
+            rest = "a discrepancy without a name" if self.unnamed else "an extended model"
+        if not self.simulated:
+            how = "The baseline cannot be tested: there are too few readings, or they scatter less than any rig's do. "
+            improbable = self.adequate == "improbable"
+            rest_of = "It is improbable compared with {}." if improbable else "The chance that no cause shows is {}."
+            return words.put(how + rest_of, rest)
         heads = {
             "no": "The tests find the baseline wrong: {}.",
             "together": "The tests do not reject the baseline ({}), but readings of {} stand out together.",
@@ -101,11 +111,6 @@ class Judged(Statement):
             "of {} data sets simulated from the fitted baseline, {} look as odd; below {} it is rejected{}",
             self.simulated, few, words.per_cent(ALPHA), ", so it passes narrowly" if self.narrow else "",
         )  # fmt: skip
-        rest = words.per_cent(self.share)
-        if self.adequate == "together":
-            rest = "several groups"
-        elif self.adequate == "improbable":
-            rest = "a discrepancy without a name" if self.unnamed else "an extended model"
         return words.put(heads[self.adequate], how, rest)
 
 

@@ -26,13 +26,14 @@ class OneGroup(Statement):
     without: float | None
 
     def say(self, words: Words) -> str:
-        return words.put(
-            "Of the {} that the named causes gain, {} contributes {}{}.", words.nats(self.gain),
-            words.groups([self.group]), words.nats(self.most),
-            ""
-            if self.without is None
-            else words.put("; fitted to the other groups alone, they gain {}", words.nats(self.without)),
-        )  # fmt: skip
+        where, most = words.groups([self.group]), words.nats(self.most)
+        alone = "" if self.without is None else words.nats(self.without)
+        alone = alone and words.put("; fitted to the other groups alone, they gain {}", alone)
+        if self.most > self.gain:
+            lost = words.nats(self.most - self.gain)
+            return words.put("The named causes gain {} in {} and lose {} in the others{}.", most, where, lost, alone)
+        how = "Of the {} that the named causes gain, {} contributes {}{}."
+        return words.put(how, words.nats(self.gain), where, most, alone)
 
 
 @dataclass(frozen=True)
@@ -44,14 +45,14 @@ class LivesOn(Statement):
     readings: int
 
     def say(self, words: Words) -> str:
-        each = (
-            words.put(
-                "{}, {} of {}{}", words.cause(c.cause), c.half, self.readings,
-                words.put(", most in {}", words.groups([c.groups[0][0]])) if c.groups[0][1] > 0.5 * c.total else "",
-            )
-            for c in self.causes
-        )  # fmt: skip
-        return words.put("Half of what speaks for a cause comes from this many readings: {}.", words.joined("; ", each))
+        def most(cause: Carried) -> str:
+            group, nats = cause.groups[0]
+            alone = len(cause.groups) == 1 or nats <= 0.5 * cause.total
+            return "" if alone else words.put(", most in {}", words.groups([group]))
+
+        how = "Half of what speaks for {} comes from {} of the {} readings{}."
+        each = (words.put(how, words.cause(c.cause), c.half, self.readings, most(c)) for c in self.causes)
+        return words.joined(" ", each)
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ class Condition:
     ----------
     group : group id
     number : int
-        In the group, from 0.
+        Row of the group's table, from 0.
     frequency_hz, amplitude_v : float
     time_us : float, optional
         Of a sample of a trace, from the start of the drive.

@@ -16,6 +16,7 @@ from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import Diagnosis, Where
 from psafit.diagnose.show import Corner, Growth, Offset
 from psafit.experiment import Experiment
+from psafit.observables import OBSERVABLES
 from psafit.report import figures
 from psafit.report.catalogue import declared, parameter
 from psafit.report.diagnosis import words
@@ -223,5 +224,6 @@ def session_rows(sessions: Sequence[Offset]) -> list[list[Any]]:
         apart = abs(math.log(middle)) > norm.ppf(0.995) / (2 * norm.ppf(0.95)) * math.log(high / low)
         badge = {"text": "differ", "kind": "warn"} if apart else {"text": "agree", "kind": "good"}
         where = count(s.n_conditions, "condition")
-        rows.append([f"{s.second} over {s.first}", where, f"×{middle:.2f}", f"×{low:.2f} to ×{high:.2f}", badge])
+        of = next((f", {o.titles}" for o in OBSERVABLES if o.name == s.observable), "")
+        rows.append([f"{s.second} over {s.first}{of}", where, f"×{middle:.2f}", f"×{low:.2f} to ×{high:.2f}", badge])
     return rows
