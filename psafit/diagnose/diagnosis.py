@@ -64,7 +64,7 @@ from psafit.numerics import refine
 from psafit.physics import TERMS
 from psafit.physics.term import Term
 from psafit.records import SCHEMA, ImportanceSummary, write_json
-from psafit.validate import predictive, validate, write_predictions
+from psafit.validate import predictive, tables_at, validate, write_predictions
 from psafit.workers import cores, precompute, reach
 
 
@@ -522,7 +522,7 @@ def _model_set_of(
 def _seals(folder: Path, measured: Mapping[str, gains.Gain]) -> dict[str, str]:
     """SHA-256 of each table of predictions."""
     tables = [PREDICTIONS, *(one.predictions for one in measured.values())]
-    return {name: sha256(folder / name) for name in tables}
+    return {file.name: sha256(file) for name in tables for file in tables_at(folder / name).values()}
 
 
 def _tied(model_set: ModelSet, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, ImportanceSample]]:
