@@ -180,8 +180,8 @@ def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: in
     rows: list[tuple[float, list[str]]] = []
     listed = [c for c in result.causes if c.terms in ([], result.named) or c.probability >= least]
     for cause in listed[:most]:
-        words = " + ".join(cause.terms) or "no cause"
-        head = f"{words}, log likelihood {fixed(cause.evidence.gain, 1, sign=True)} nats over the baseline's"
+        gain = f"log likelihood {fixed(cause.evidence.gain, 1, sign=True)} nats over the baseline's"
+        head = f"{' + '.join(cause.terms)}, {gain}" if cause.terms else "no cause"
         reported = cause.terms == result.named or cause.terms in result.alternatives
         sizes = _sizes(cause, whole=cause.terms == result.named) if reported else ()
         rows.append((cause.evidence.share if given_named else cause.probability, [head, *sizes]))

@@ -538,7 +538,7 @@ def _tied(model_set: ModelSet, verdict: Verdict, seed: int, most: int) -> list[t
         equals = [model_set.best_model.ids, *verdict.alternatives]
     if len(equals) == 1 and verdict.verdict != "unexplained":
         equals += model_set.counted_with(equals[0])[:1]
-    return [(model_set.of(ids), model_set.draws(ids, seed)) for ids in equals[:most]]
+    return [(model_set.of(ids), draws) for ids, draws in model_set.drawn(equals[:most], seed).items()]
 
 
 def _confusion(model_set: ModelSet, verdict: Verdict, seed: int, most: int, watcher: Watcher) -> Confusion:

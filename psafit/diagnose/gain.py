@@ -218,10 +218,10 @@ def split(
         for ids in (c.ids for c in model_set.candidates)
         if (p := model_set.probability[ids]) >= negligible * best
     }
-    total = sum(shares.values())
-    mixture = {ids: p / total for ids, p in shares.items()}
     # Once for all groups: a model without an importance sample of the search gets one here.
-    draws = {ids: model_set.draws(ids, seed) for ids in {(): 0.0, **mixture}}
+    draws = model_set.drawn({(): 0.0, **shares}, seed)
+    total = sum(p for ids, p in shares.items() if ids in draws)
+    mixture = {ids: p / total for ids, p in shares.items() if ids in draws}
     before: dict[Ids, FloatArray] = {(): draws[()].resampled(n_draws)}
     after = {ids: draws[ids].resampled(max(round(n_draws * p), 16)) for ids, p in mixture.items()}
     left = {ids: discrepancy(model_set.of(ids)) for ids in draws}

@@ -13,13 +13,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
+from psafit.errors import ConvergenceError
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample, importance_sample
 from psafit.model_search.fitter import Fitted
@@ -144,6 +146,14 @@ class ModelSet:
     def draws(self, ids: Ids, seed: int) -> ImportanceSample:
         """Posterior draws of a model; worked out for one that the search did not sample."""
         return self.samples[ids] if ids in self.samples else importance_sample(self.of(ids), seed=seed)
+
+    def drawn(self, wanted: Iterable[Ids], seed: int) -> dict[Ids, ImportanceSample]:
+        """Posterior draws of models, without those of which no draw lies within the bounds."""
+        found = {}
+        for ids in wanted:
+            with suppress(ConvergenceError):
+                found[ids] = self.draws(ids, seed)
+        return found
 
     def log_prior(self, ids: Ids) -> float:
         """Log prior probability of a model."""

@@ -15,6 +15,7 @@ import pytest
 from scipy.special import logsumexp
 from truths import FEW
 
+from psafit.errors import ConvergenceError
 from psafit.model_search import SearchSettings
 from psafit.model_search.fitter import Fitted
 from psafit.model_search.loop import Ids, Model, Searched
@@ -164,6 +165,17 @@ def test_what_is_named_was_sampled() -> None:
     found = ranked({(): 0.0, ("a",): 20.0, ("b",): 25.0}, {(): 0.0, ("a",): 0.0})
     assert found.probability["b",] > 0.9 and found.best_model.ids == ("a",)
     assert found.looked_at.mass_not_looked_at > 0.9
+
+
+def test_a_set_that_cannot_be_drawn_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    def draw(self: ModelSet, ids: Ids, seed: int) -> str:
+        if ids == ("b",):
+            raise ConvergenceError("draws within the bounds around a mode", reached=0.0, required=1.0)
+        return f"{ids} {seed}"
+
+    found = ranked({(): 0.0, ("a",): 1.0, ("b",): 2.0}, {(): 0.1})
+    monkeypatch.setattr(ModelSet, "draws", draw)
+    assert found.drawn([(), ("b",), ("a",)], 7) == {(): "() 7", ("a",): "('a',) 7"}
 
 
 def test_what_was_not_sampled_counts_as_not_looked_at() -> None:
