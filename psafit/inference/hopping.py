@@ -9,7 +9,7 @@ from.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,57 +19,50 @@ from psafit.inference.evidence import laplace_mixture
 from psafit.inference.optimiser import Effort, maximise
 
 
-@dataclass(frozen=True)
-class HopSettings:
-    """How far hops go on.
-
-    Parameters
-    ----------
-    modes : int
-        So many of the highest hop, each by itself: the one that leads before need not lead after.
-    draws : int
-        About each.
-    most : int
-        Hops of one mode.
-    better : float, nats
-        A rise that is worth another hop.
-    iterations : int
-        Of an optimisation, at most.
-    """
-
-    modes: int = 4
-    draws: int = 64
-    most: int = 12
-    better: float = 0.5
-    iterations: int = 36
-
-
-def hopped(found: Candidate, *, seed: int, settings: HopSettings | None = None) -> Candidate:
+def hopped(
+    found: Candidate,
+    *,
+    seed: int,
+    better: float = 0.5,
+    n_modes: int = 4,
+    n_draws: int = 64,
+    most: int = 12,
+    iterations: int = 36,
+) -> Candidate:
     """Look for higher tops next to the modes of a model; the candidate holds them, too.
 
     Parameters
     ----------
     found : Candidate
     seed : int
-    settings : HopSettings, optional
+    better : float, nats
+        A rise that is worth another hop.
+    n_modes : int
+        So many of the highest hop, each by itself: the one that leads before need not lead after.
+    n_draws : int
+        About each.
+    most : int
+        Hops of one mode.
+    iterations : int
+        Of an optimisation, at most.
 
     Returns
     -------
     Candidate
         No start counts for the modes that hops led to; the sets that they simulated count.
     """
-    s, problem, rng = settings or HopSettings(), found.problem, np.random.default_rng([seed, 9])
-    tops, n_sets = found.modes[: s.modes], 0
+    problem, rng = found.problem, np.random.default_rng([seed, 9])
+    tops, n_sets = found.modes[:n_modes], 0
     higher: list[FloatArray] = []
-    for _ in range(s.most):
+    for _ in range(most):
         here = [candidate_at(problem, top[None]) for top in tops]
-        draws = np.array([np.clip(laplace_mixture(top).draw(s.draws, rng), *problem.bounds.T) for top in here])
+        draws = np.array([np.clip(laplace_mixture(top).draw(n_draws, rng), *problem.bounds.T) for top in here])
         value = problem.log_posterior(draws.reshape(-1, problem.n_dim)).reshape(len(here), -1)
         best = np.argmax(np.where(np.isfinite(value), value, -np.inf), axis=1)
-        begun, schedule = draws[np.arange(len(here)), best], ((s.iterations, len(here)),)
+        begun, schedule = draws[np.arange(len(here)), best], ((iterations, len(here)),)
         end = maximise(problem, begun, schedule=schedule, still_below=FitSettings.enough)
-        n_sets += s.draws * len(tops) + end.effort.n_sets
-        risen = end.log_posterior > np.array([top.log_posterior for top in here]) + s.better
+        n_sets += n_draws * len(tops) + end.effort.n_sets
+        risen = end.log_posterior > np.array([top.log_posterior for top in here]) + better
         if not risen.any():
             break
         tops = end.u[risen]

@@ -11,7 +11,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.inference.candidate import Candidate, candidate_at, fit, principal, united
 from psafit.inference.evidence import ImportanceSample, RoundSettings, importance_sample
-from psafit.inference.hopping import HopSettings, hopped
+from psafit.inference.hopping import hopped
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 
@@ -134,7 +134,7 @@ def _look(
 ) -> Candidate:
     """Look for modes from what is known, and from the prior by itself where `fresh` or nothing is known."""
     found = fit(problem, known, seed=seed, draws=draws, most=starts, fresh=fresh)
-    return hopped(found, seed=seed, settings=HopSettings(better=s.better))
+    return hopped(found, seed=seed, better=s.better)
 
 
 def joined(
