@@ -382,7 +382,9 @@ def across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
         if not starts:
             break
         moved = maximise(problem, rows[starts], schedule=s.across, still_below=s.enough, unite=True).uncounted
-        end = end.joined(moved)
+        names = ("u", "log_posterior", "predicted", "starts")
+        both = {name: np.concatenate([getattr(o, name) for o in (end, moved)]) for name in names}
+        end = Optima(**both, effort=end.effort + moved.effort)
         if moved.log_posterior.max() < log_posterior + s.enough:
             break
     return end

@@ -39,6 +39,10 @@ class FisherSettings:
         Damping with which an optimisation begins, and its limits.
     stuck : float
         Damping at which an optimisation that finds no way up gives up.
+    lasting : int
+        Steps for which slopes are carried over by secants before they are taken anew.
+    still_below : float, nats
+        An optimisation stands still when it has gained less than this twice in a row.
     longest : float
         Longest step, in units of the sampling coordinate (a factor of e, or a prior's standard deviation).
     like : float, nats
@@ -53,6 +57,8 @@ class FisherSettings:
     least: float = 1e-6
     most: float = 1e8
     stuck: float = 1e4
+    lasting: int = 5
+    still_below: float = 2e-3
     longest: float = 2.0
     like: float = 0.5
     indistinct: float = 0.1
@@ -110,16 +116,6 @@ class Optima:
     def uncounted(self) -> Optima:
         """These optima as places where no optimisation has begun or ended."""
         return replace(self, starts=np.zeros_like(self.starts), effort=Effort(n_sets=self.effort.n_sets))
-
-    def joined(self, other: Optima) -> Optima:
-        """Both, as if they had been optimised together."""
-        return Optima(
-            np.vstack([self.u, other.u]),
-            np.concatenate([self.log_posterior, other.log_posterior]),
-            np.vstack([self.predicted, other.predicted]),
-            np.concatenate([self.starts, other.starts]),
-            self.effort + other.effort,
-        )
 
 
 def log_posteriors(problem: Problem, u: FloatArray, predicted: FloatArray, observed: FloatArray) -> FloatArray:
@@ -265,9 +261,8 @@ def _optimise(
     still_below: float,
     unite: bool = False,
     counts: NDArray[np.intp] | None = None,
-    how: FisherSettings | None = None,
 ) -> Optima:
-    how = how or FisherSettings()
+    how = FisherSettings()
     u = np.clip(np.atleast_2d(starts), problem.bounds[:, 0], problem.bounds[:, 1])
     who = np.arange(len(u))
     predicted = predict(u, who)
@@ -316,7 +311,7 @@ def _optimise(
                 share /= np.maximum(np.sum(share * step, axis=1, keepdims=True), 1e-300)
                 slopes_at[up] += share[:, :, None] * (change - (step[:, None] @ slopes_at[up])[:, 0])[:, None, :]
         if survivors < len(u) or unite:
-            kept, starts_at = _kept(problem, u, log_posterior, predicted, starts_at, survivors, unite, how)
+            kept, starts_at = _kept(problem, u, log_posterior, predicted, starts_at, survivors, unite)
             u, log_posterior, predicted = u[kept], log_posterior[kept], predicted[kept]
             damping, target = damping[kept], target[kept]
             still, who, slopes_at, age = still[kept], who[kept], slopes_at[kept], age[kept]
@@ -331,14 +326,13 @@ def _kept(
     starts: NDArray[np.intp],
     most: int,
     unite: bool,
-    how: FisherSettings,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Optimisations that go on, and the starts of each; of those to be united, the highest alone, for all."""
     order = np.argsort(-log_posterior, kind="stable")
     if not unite:
         kept = np.sort(order[:most])
         return kept, starts[kept]
-    scatter = noise.scale(predicted, problem.noise_values(u), problem.known_sigma)
+    how, scatter = FisherSettings(), noise.scale(predicted, problem.noise_values(u), problem.known_sigma)
     total: dict[int, int] = {}
     for k in order:
         for m in total:
@@ -359,12 +353,10 @@ def maximise(
     observed: FloatArray | None = None,
     *,
     schedule: tuple[tuple[int, int], ...] = ((40, 10**9),),
-    lasting: int = 5,
-    still_below: float = 2e-3,
+    still_below: float = FisherSettings.still_below,
     unite: bool = False,
     frozen: NDArray[np.bool_] | None = None,
     counts: NDArray[np.intp] | None = None,
-    settings: FisherSettings | None = None,
 ) -> Optima:
     """Optimise from every start.
 
@@ -378,17 +370,14 @@ def maximise(
     schedule : tuple of (int, int)
         Iterations, and how many of the highest optimisations go on after them. Optimisations that were left behind are
         not in the result.
-    lasting : int
-        Steps for which slopes are carried over by secants before they are taken anew.
-    still_below : float
-        An optimisation stands still when it has gained less than this (nats) twice in a row.
+    still_below : float, nats
+        As of `FisherSettings`.
     unite : bool
         After each part of the schedule, optimisations that predict the same readings at the same log posterior are one.
     frozen : (n, n_dim) array of bool, optional
         Coordinates that stay where each optimisation begins.
     counts : (n,) array of int, optional
         Earlier starts that each of these stands for; one by default.
-    settings : FisherSettings, optional
 
     Returns
     -------
@@ -402,8 +391,8 @@ def maximise(
 
     held = np.zeros(starts.shape, bool) if frozen is None else frozen
     return _optimise(
-        problem, starts, target, lambda u, who: problem.predict(u), slope, schedule, held, lasting, still_below,
-        unite, counts, settings,
+        problem, starts, target, lambda u, who: problem.predict(u), slope, schedule, held, FisherSettings.lasting,
+        still_below, unite, counts,
     )  # fmt: skip
 
 
@@ -417,7 +406,6 @@ def maximise_linearly(
     frozen: Sequence[int] = (),
     iterations: int = 25,
     reach: float = 2.0,
-    still_below: float = 2e-3,
 ) -> Optima:
     """Optimise in models that are replaced by their logarithmic expansion, which costs no simulation.
 
@@ -441,8 +429,6 @@ def maximise_linearly(
     iterations : int
     reach : float
         Of the expansion in ``ln L``.
-    still_below : float
-        As of `maximise`.
 
     Returns
     -------
@@ -463,5 +449,6 @@ def maximise_linearly(
 
     mask = np.zeros((n, problem.n_dim), bool)
     mask[:, list(frozen)] = True
+    still_below = FisherSettings.still_below
     result = _optimise(problem, at, target, predict, slopes_of, ((iterations, n),), mask, 1, still_below)
     return replace(result, effort=result.effort._replace(n_sets=0))

@@ -60,8 +60,6 @@ def effects(
     parts: Sequence[Candidate | None],
     seed: int,
     rounds: RoundSettings,
-    *,
-    visible: float = VISIBLE,
 ) -> Arrays:
     """Work out the effects of a model's causes, as arrays named like the fields of `Effects`.
 
@@ -78,8 +76,6 @@ def effects(
     seed : int
     rounds : RoundSettings
         Of the draws; of `draws` so many are taken as all rounds have.
-    visible : float
-        As `shown` takes it.
     """
     if draws is not None:
         n = rounds.draws * rounds.most
@@ -98,7 +94,7 @@ def effects(
             # shows then, from the draw without it. The nearer counts. In units of the model's own scatter: the part's
             # has taken some of the effect up.
             size[:, k] = _left(candidate, predicted - part.predicted, part)
-            far = size[:, k] >= visible
+            far = size[:, k] >= VISIBLE
             if far.any():
                 without = part.problem.predict(u[far][:, problem.without(term)[1]])
                 size[far, k] = np.fmin(size[far, k], _left(candidate, predicted[far] - without, part))
@@ -110,11 +106,11 @@ def _left(candidate: Candidate, effect: FloatArray, part: Candidate) -> FloatArr
     return np.asarray(np.linalg.norm(candidate.project_out(effect, slope=part.slope), axis=1))
 
 
-def may_hide(part: float, whole: float, error: float, *, visible: float = VISIBLE, unasked: float = UNASKED) -> bool:
+def may_hide(part: float, whole: float, error: float) -> bool:
     """Whether more than a few of a model's draws may be like those of a part.
 
     A cause of which the readings want an effect of r standard deviations makes the evidence better by ``r**2 / 2`` nats
-    at most. Its effect over the draws is normal about r: a share ``Phi(visible - r)`` of them does not show.
+    at most. Its effect over the draws is normal about r: a share ``Phi(VISIBLE - r)`` of them does not show.
 
     Parameters
     ----------
@@ -122,13 +118,9 @@ def may_hide(part: float, whole: float, error: float, *, visible: float = VISIBL
         Log evidences.
     error : float
         What the difference may be smaller by, nats.
-    visible : float
-        Size from which an effect shows.
-    unasked : float
-        Share of the draws that is not asked about.
     """
     wanted = math.sqrt(2.0 * max(whole - part - error, 0.0))
-    return bool(ndtr(visible - wanted) > unasked)
+    return bool(ndtr(VISIBLE - wanted) > UNASKED)
 
 
 def shown(
@@ -136,7 +128,6 @@ def shown(
     mass: Mapping[Ids, float],
     effects: Effective,
     *,
-    visible: float = VISIBLE,
     unasked: float = UNASKED,
 ) -> dict[Ids, float]:
     """Probability of each set of causes to be at work visibly, and no other.
@@ -152,8 +143,6 @@ def shown(
         probable one.
     effects : callable
         Asked for sets of one number of causes at a time, the largest first.
-    visible : float
-        Size from which an effect shows.
     unasked : float
         Sets of one number of causes that have no more than this together are taken as they are.
     """
@@ -164,7 +153,7 @@ def shown(
         wanted = [ids for ids, p in zip(rising, together, strict=True) if p > unasked]
         for ids, found in effects(wanted).items():
             parts = reduced(ids)
-            hidden = found.size < visible
+            hidden = found.size < VISIBLE
             weight = np.array([mass.get(part, -np.inf) for part in parts])
             goes_to = np.where(hidden.any(axis=1), np.argmax(np.where(hidden, weight, -np.inf), axis=1), -1)
             moved = left[ids] * np.array([found.weights[goes_to == k].sum() for k in range(len(parts))])
