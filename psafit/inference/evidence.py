@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +33,7 @@ from psafit.physics import baseline
 TRUSTED = 0.7
 """Pareto's k up to which importance sampling is trusted (A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72)."""
 
-Region = Callable[[FloatArray], NDArray[np.bool_]]
-"""Which rows of coordinates lie in it."""
+_Density: TypeAlias = "StudentMixture | Emulated"
 
 
 @dataclass(frozen=True)
@@ -161,9 +160,7 @@ class ImportanceSample:
         """
         # What resampling has left several times is one draw with the weight of all.
         _, first, of = np.unique(self.draws, axis=0, return_index=True, return_inverse=True)
-        weights = np.zeros(first.size)
-        np.add.at(weights, of.ravel(), self.weights)
-        weights = weights[np.argsort(first)]
+        weights = np.asarray(np.bincount(of.ravel(), self.weights), float)[np.argsort(first)]
         with np.errstate(divide="ignore"):
             key = np.log(tempered(weights)) + random.gumbel(size=weights.size)
         return self.draws[np.sort(first)][np.resize(np.argsort(-key, kind="stable"), n)]
@@ -208,11 +205,17 @@ def importance_sample(
     """
     random, how = np.random.default_rng([seed, 5]), RoundSettings(most=rounds, effective=effective)
     parts, nearest = separated(candidate)
-    pools = [
-        _importance(on_plateaus(mode), random, how, lambda u, k=k: nearest(u) == k)[0]  # type: ignore[misc]
-        for k, mode in enumerate(parts)
-    ]
-    return Pool.together(pools).sample()
+
+    def drawn(k: int) -> Pool:
+        mode = on_plateaus(parts[k])
+
+        def emulated(pool: Pool, simulated: FloatArray, before: _Density) -> _Density:
+            return Emulated(mode, pool, simulated, before.mixture, random)
+
+        first = laplace_mixture(mode)
+        return simulated_in_rounds(mode.problem, first, emulated, random, how, lambda u: nearest(u) == k)[0]
+
+    return Pool.together([drawn(k) for k in range(len(parts))]).sample()
 
 
 def separated(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArray], NDArray[np.intp]]]:
@@ -232,20 +235,6 @@ def separated(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArr
     own = nearest(candidate.modes)
     own[tops] = np.arange(len(tops))
     return [candidate_at(candidate.problem, candidate.modes[own == k]) for k in range(len(tops))], nearest
-
-
-def _importance(
-    candidate: Candidate,
-    random: np.random.Generator,
-    rounds: RoundSettings,
-    region: Region,
-) -> tuple[Pool, FloatArray]:
-    """Simulated draws with their weights, and their launch ranges; what lies outside the region has no weight."""
-
-    def next_one(pool: Pool, simulated: FloatArray, before: _Density) -> _Density:
-        return Emulated(candidate, pool, simulated, before.mixture, random)
-
-    return simulated_in_rounds(candidate.problem, laplace_mixture(candidate), next_one, random, rounds, region)
 
 
 def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0, away: float = 4.0) -> Candidate:
@@ -298,22 +287,6 @@ def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0,
 
 
 # --- adaptive importance sampling -----------------------------------------------------------------------------------
-
-
-class _Density(Protocol):
-    """What can be drawn from, and evaluated."""
-
-    @property
-    def mixture(self) -> StudentMixture:
-        """Student densities that resemble it."""
-
-    @property
-    def error(self) -> float:
-        """Standard error of the logarithm of what its density is normalised by."""
-
-    def draw(self, n: int, random: np.random.Generator) -> FloatArray: ...
-
-    def log_density(self, u: FloatArray) -> FloatArray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -410,16 +383,18 @@ def simulated_in_rounds(
     adapted: Callable[[Pool, FloatArray, _Density], _Density],
     random: np.random.Generator,
     how: RoundSettings,
-    region: Region | None = None,
+    region: Callable[[FloatArray], NDArray[np.bool_]] = lambda u: np.ones(len(u), bool),
 ) -> tuple[Pool, FloatArray]:
-    """Rounds of draws of a posterior, with what they predict, which `adapted` sees, too; within a region, if any."""
+    """Rounds of draws of a posterior, with what they predict, which `adapted` sees, too.
+
+    What lies outside the region has no weight.
+    """
     simulated: list[FloatArray] = []
 
     def log_posterior(u: FloatArray) -> FloatArray:
         found = problem.predict(u)
         simulated.append(found)
-        value = log_posteriors(problem, u, found, problem.observed)
-        return value if region is None else np.where(region(u), value, -np.inf)
+        return np.where(region(u), log_posteriors(problem, u, found, problem.observed), -np.inf)
 
     def next_one(pool: Pool, before: _Density) -> _Density:
         return adapted(pool, np.concatenate(simulated), before)
@@ -467,15 +442,10 @@ def drawn_inside(
 
 def laplace_mixture(candidate: Candidate) -> StudentMixture:
     """Student densities at the modes with the expected curvature."""
-    width = candidate.problem.widths
-    wider = widening(candidate.problem.n_dim)
-    masses = np.maximum(np.exp(candidate.log_posteriors - candidate.log_posteriors[0]), 0.02)
-    return StudentMixture.of(
-        [
-            (u, positive(own, width) * wider, float(mass))
-            for u, own, mass in zip(candidate.modes, candidate.covariance, masses, strict=True)
-        ]
-    )
+    width, wider = candidate.problem.widths, widening(candidate.problem.n_dim)
+    share = np.maximum(np.exp(candidate.log_posteriors - candidate.log_posteriors[0]), 0.02).tolist()
+    covariance = [positive(own, width) * wider for own in candidate.covariance]
+    return StudentMixture.of(list(zip(candidate.modes, covariance, share, strict=True)))
 
 
 def _powers(n: int, n_draws: int, how: EmulatorSettings) -> list[tuple[int, ...]]:

@@ -119,9 +119,7 @@ class StudentMixture:
             left = np.where(near, 0.0, left)
             if not left.any():
                 break
-        old = [
-            (c, r @ r.T, 0.1 * float(w)) for c, r, w in zip(self.centre, self.root, self.share, strict=True)
-        ]  # fmt: skip
+        old = [(c, r @ r.T, 0.1 * float(w)) for c, r, w in zip(self.centre, self.root, self.share, strict=True)]
         return StudentMixture.of([*parts, *old][:most])
 
     def stretched(self, n: int, width: FloatArray, reach: float = 1 / 6) -> StudentMixture:

@@ -66,14 +66,8 @@ def halved(parameter: Parameter, halvings: FloatArray) -> FloatArray:
     -------
     (n_sides, n) array
         A side for each bound that is not the neutral value itself.
-
-    Raises
-    ------
-    ValueError
-        If the parameter has no neutral value.
     """
-    if parameter.neutral is None:
-        raise ValueError(f"{parameter.name} has no neutral value")
+    assert parameter.neutral is not None, parameter.name
     bounds, neutral = parameter.sampling_bounds, float(parameter.to_sampling(parameter.neutral))
     ends = [end for end in (bounds.lower, bounds.upper) if end != neutral]
     return np.array([neutral + (end - neutral) * 0.5**halvings for end in ends])
