@@ -1,10 +1,4 @@
-"""The search among sets of causes: one reliable fit, one loop, and what was looked at.
-
-Every known set of causes has an estimate of its log posterior probability: from a short fit, or from fitting and
-sampling it in earnest. The set with the highest estimate that is not sampled yet is sampled, and its neighbours (one
-cause more, one less, one exchanged) get their short fits. The search ends when no set that shows is left whose estimate
-comes within the window of the best, and when every set that has 5 % of the probability was sampled.
-"""
+"""The search among sets of causes: one reliable fit, one loop, and what was looked at; see `loop`."""
 
 from __future__ import annotations
 

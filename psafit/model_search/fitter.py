@@ -54,23 +54,9 @@ Known = Model[Fitted]
 
 @dataclass(frozen=True, eq=False)
 class ProblemFitter:
-    """Models of a problem's readings.
+    """Models of a problem's readings, fitted within `psafit.workers.processes`.
 
-    Parameters
-    ----------
-    problem : Problem
-        The readings, with no cause.
-    catalogue : sequence of Term
-    settings : SearchSettings
-    seed : int
-    memory : Memory
-        Where fits are kept; those already there are not repeated.
-    jobs : int
-        Processes that share the work (within `psafit.workers.processes`). The result does not depend on it.
-    starts : sequence of Candidate
-        Fits of other readings; the same models begin there.
-    progress : callable
-        Called with what is being worked out.
+    The fields are as of `psafit.model_search.search_models`, but `progress`: it is called with what is worked out.
     """
 
     problem: Problem

@@ -1,42 +1,11 @@
 """The search itself, which knows nothing of readings: best first, until no model is left within the window.
 
-Three sentences say what it does. Every known model has an estimate of its log posterior probability. The model with the
-highest estimate that was not sampled yet is sampled, and its neighbours, which have one cause more, one less or one
-exchanged, are fitted. The search ends when no model that shows is left whose estimate comes within the window of the
-best; a model shows that exceeds every part of itself. (Those that are reported for their probability, though they do
-not show, are sampled then, too.)
+Every known model has an estimate of its log posterior probability. The model with the highest estimate that was not
+sampled yet is sampled, and its neighbours, which have one cause more, one less or one exchanged, are fitted. The search
+ends when no model that shows is left whose estimate comes within the window of the best; a model shows that exceeds
+every part of itself. (Those that are reported for their probability, though they do not show, are sampled then, too.)
 
-What costs much waits. Models that are no larger come first: another cause in the place of one may do more than one
-cause more. Exchanges are fitted from where others have their optima. Those that then come within the window of the best
-and twice what a short fit may fall short by (`short_by`) are fitted like all others. So it is with larger neighbours,
-if they have more causes than fits find from the prior and are none of the best; there only those that show are fitted
-like others. The best of all models gets
-its neighbours before it is sampled, if it shows for certain: one of them may leave it behind. What comes within the
-window only if its fit falls short is fitted in earnest; it is sampled if it then comes within the window.
-
-Of what shows and does not lead, those neighbours are fitted that may come near: of which every cause shows in some set,
-and which come within the window if each does as much there as it does at most anywhere. (Two sets that do as well have
-neighbours that do as well. All of them were fitted once, and none came near.)
-
-A cause may do much of what two do together, and lead though neither of them does as much alone. So where the tests of
-misfit reject the single cause that leads when it has its neighbours, or the pair that leads, all pairs of causes that
-show are fitted from known optima, before any set gets a third.
-
-What leads early on is a part of all that follows, and many causes may do as well as many others. So where the best has
-more causes than fits find from the prior, the search goes up again without each of them, as long as a step leads
-higher. What it meets that comes near is treated like all others. (Without such ways the study's readings led to a set
-19 nats of evidence below another with two causes in common.)
-
-Two causes may show together and neither alone. Where no cause shows, and yet the tests of misfit reject the baseline,
-all pairs of the catalogue are fitted from known optima, too.
-
-A cause may hold all the others at values from which no way leads to the truth. So where the tests reject what leads in
-the end, and it has no more causes than fits find from the prior, the next best models that show, and have no more
-causes than it, get all their neighbours like the best, one after another. (Without, a single cause of 55 nats hid
-three of 164.)
-
-(Occam's window: D. Madigan and A. E. Raftery, J. Am. Stat. Assoc. 89 (1994) 1535; best-first over neighbours: C. Hans,
-A. Dobra and M. West, J. Am. Stat. Assoc. 102 (2007) 507.)
+"Step by step" in docs/diagnosis.md says what is fitted when, and what would be missed without.
 """
 
 from __future__ import annotations
@@ -179,33 +148,18 @@ def _ordered(sets: Sequence[set[str]], catalogue: Sequence[str]) -> list[Ids]:
 
 @dataclass(frozen=True, eq=False)
 class _Known(Generic[Content]):
-    """What a search knows while it goes on.
-
-    Parameters
-    ----------
-    catalogue : sequence of str
-    fitter : Fitter
-    log_prior : callable
-    settings : SearchSettings
-    models : dict
-        Every model fitted, by its causes.
-    done : dict
-        How many of the kinds of its neighbours were fitted: those no larger, and those larger.
-    detoured : dict
-        The same of those without a cause that the best has, the larger first.
-    widened : set
-        Those that got all neighbours without leading.
-    unsampled : set
-        Those that could not be sampled, and keep their estimate.
-    """
+    """What a search knows while it goes on; the first four are as of `search`."""
 
     catalogue: Sequence[str]
     fitter: Fitter[Content]
     log_prior: Callable[[Ids], float]
     settings: SearchSettings
+    # Every model fitted, and how many of the kinds of its neighbours were: those no larger, and those larger.
     models: dict[Ids, Model[Content]] = field(default_factory=dict)
     done: dict[Ids, int] = field(default_factory=dict)
+    # The same of those without a cause that the best has, the larger first.
     detoured: dict[tuple[str, Ids], int] = field(default_factory=dict)
+    # Those that got all neighbours without leading, and those that could not be sampled, and keep their estimate.
     widened: set[Ids] = field(default_factory=set)
     unsampled: set[Ids] = field(default_factory=set)
 
@@ -271,9 +225,7 @@ class _Known(Generic[Content]):
         leads = [self.value(m) >= highest or m.ids in self.widened or not self.shows(m) for m in models]
         follow = {ids for sets, first in zip(found, leads, strict=True) if not first for ids in sets}
         left = self.promising(follow, highest)
-        return [
-            sets if first else [ids for ids in sets if ids in left] for sets, first in zip(found, leads, strict=True)
-        ]
+        return [[ids for ids in sets if first or ids in left] for sets, first in zip(found, leads, strict=True)]
 
     def promising(self, wanted: set[Ids], highest: float) -> set[Ids]:
         """Sets that show and come near the highest, if a cause does as much there as anywhere it was fitted."""
@@ -409,25 +361,17 @@ def search(
     decisive: Callable[[Searched[Content]], Sequence[Ids]] = lambda found: (),
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> Searched[Content]:
-    """Search the sets of a catalogue's causes.
+    """Search the sets of a catalogue's causes; what is not said here is as of `psafit.model_search.search_models`.
 
     Parameters
     ----------
-    catalogue : sequence of str
-    fitter : Fitter
     log_prior : callable
         Log prior probability of a set.
-    settings : SearchSettings, optional
-    starts : sequence of sets
-        Models to fit before all else, in addition to the one without causes.
     passes : callable
-        Whether the readings pass the tests of misfit by a model. Asked of one or two causes that lead, where others
-        show, and of what leads in the end.
+        Asked of one or two causes that lead, where others show, and of what leads in the end.
     decisive : callable
         Sets that are probable enough to be reported for it. Asked in the end; those that were not sampled are, and the
         search goes on.
-    progress : callable
-        Called with (what, models whose neighbours were fitted, models of which they are to be).
     """
     settings = settings or SearchSettings()
     known = _Known(catalogue, fitter, log_prior, settings)
