@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from psafit.compare import known
 from psafit.diagnose import diagnose
-from psafit.diagnose.record import RESULT, CauseResult, Diagnosis
+from psafit.diagnose.record import RESULT, Diagnosis
+from psafit.diagnose.record.models import CauseResult
 from psafit.diagnose.retest import once
 from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, GroupId

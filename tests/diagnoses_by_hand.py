@@ -12,21 +12,16 @@ from reader import Reader
 from psafit.diagnose.gain import Choice, Gain, GroupGain
 from psafit.diagnose.misfit import Character, Statistic
 from psafit.diagnose.next_experiment import NextExperiment, Proposal, Purpose
-from psafit.diagnose.record import (
+from psafit.diagnose.record import Diagnosis
+from psafit.diagnose.record.misfit import DiscrepancyResult, GroupDiscrepancy, MisfitResult, Reading, Tests, Where
+from psafit.diagnose.record.models import (
     Apart,
     CauseResult,
-    Diagnosis,
-    DiscrepancyResult,
     Evidence,
     ExtensionRun,
-    GroupDiscrepancy,
-    MisfitResult,
     ModelShown,
     ParameterResult,
-    Reading,
     ScreeningResult,
-    Tests,
-    Where,
 )
 from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.show import Corner, Drift, Growth, Offset

@@ -33,7 +33,8 @@ from psafit.cli.common import (
 from psafit.text import fixed
 
 if TYPE_CHECKING:
-    from psafit.diagnose.record import CauseResult, Diagnosis
+    from psafit.diagnose.record import Diagnosis
+    from psafit.diagnose.record.models import CauseResult
     from psafit.parameters import Belief
 
 
@@ -167,7 +168,8 @@ def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: in
 
     Of the models it lists `most`, and but for the named one and the baseline none below the probability `least`.
     """
-    from psafit.diagnose.answer import Sizes, answer
+    from psafit.diagnose.answer import answer
+    from psafit.diagnose.answer.findings import Sizes
     from psafit.diagnose.words import PLAIN
 
     click.echo(result.headline)

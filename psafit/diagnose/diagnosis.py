@@ -24,18 +24,9 @@ from psafit.diagnose.gain import Choice
 from psafit.diagnose.influence import influence
 from psafit.diagnose.judging import Judgement, judge
 from psafit.diagnose.next_experiment import NextExperiment, Purpose
-from psafit.diagnose.record import (
-    PAGE,
-    PREDICTIONS,
-    RESULT,
-    Apart,
-    Broken,
-    CauseResult,
-    Confusion,
-    Diagnosis,
-    ExtensionRun,
-    MisfitResult,
-)
+from psafit.diagnose.record import PAGE, PREDICTIONS, RESULT, Confusion, Diagnosis
+from psafit.diagnose.record.misfit import MisfitResult
+from psafit.diagnose.record.models import Apart, CauseResult, ExtensionRun
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.retest import retest
 from psafit.diagnose.robustness import robustness
@@ -63,7 +54,7 @@ from psafit.model_search.model_set import CREDIBLE, ModelSet, key_of
 from psafit.numerics import refine
 from psafit.physics import TERMS
 from psafit.physics.term import Term
-from psafit.records import SCHEMA, ImportanceSummary, write_json
+from psafit.records import SCHEMA, Broken, ImportanceSummary, write_json
 from psafit.validate import predictive, tables_at, validate, write_predictions
 from psafit.workers import cores, precompute, reach
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from psafit.arrays import FloatArray
 from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.judging import Judgement
-from psafit.diagnose.record import Axis, Draft
+from psafit.diagnose.record.misfit import Axis, Draft
 from psafit.files import write_atomically
 from psafit.inference.candidate import Candidate
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES

@@ -11,25 +11,27 @@ import numpy as np
 from psafit.diagnose import show
 from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.misfit import Coincidence, Misfit, Place
-from psafit.diagnose.record import (
+from psafit.diagnose.record.misfit import (
+    Condition,
+    DiscrepancyResult,
+    GroupDiscrepancy,
+    MisfitResult,
+    Reading,
+    Tests,
+    Where,
+)
+from psafit.diagnose.record.models import (
     NEAREST,
     NEXT_BEST,
     NOT_EXCLUDED,
     UNSEEN,
     CauseResult,
-    Condition,
     Counted,
-    DiscrepancyResult,
     Evidence,
-    GroupDiscrepancy,
-    MisfitResult,
     ModelShown,
     ParameterResult,
-    Reading,
     ScreeningResult,
     ScreeningWord,
-    Tests,
-    Where,
 )
 from psafit.diagnose.residuals import numbered
 from psafit.diagnose.robustness import Robustness

@@ -23,10 +23,10 @@ from dataclasses import dataclass
 
 from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.misfit import Misfit
-from psafit.diagnose.record import Broken
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.model_search import Ids, ModelSet
 from psafit.model_search.model_set import CREDIBLE
+from psafit.records import Broken
 
 
 @dataclass(frozen=True)

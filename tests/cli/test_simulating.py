@@ -16,7 +16,7 @@ from fits_by_hand import make_run, mixed_groups
 
 from psafit.cli import simulating
 from psafit.cli.common import idle
-from psafit.diagnose.record import ParameterResult
+from psafit.diagnose.record.models import ParameterResult
 from psafit.errors import InputError
 from psafit.experiment import (
     Conditions,

@@ -8,27 +8,17 @@ from dataclasses import replace
 import pytest
 from diagnoses_by_hand import make_experiment, make_record
 
-from psafit.diagnose.answer import (
-    ByChance,
-    Furthest,
-    Gained,
-    Implausible,
-    Judged,
-    Kind,
-    Named,
-    OneGroup,
-    Room,
-    Searched,
-    Sizes,
-    TooWeak,
-    answer,
-    sentences,
-)  # fmt: skip
+from psafit.diagnose.answer import answer, sentences
+from psafit.diagnose.answer.findings import Furthest, Implausible, Judged, Kind, Named, Room, Sizes, TooWeak
+from psafit.diagnose.answer.grounds import ByChance, OneGroup, Searched
+from psafit.diagnose.answer.worth import Gained
 from psafit.diagnose.misfit import Coincidence
-from psafit.diagnose.record import Broken, Counted, Diagnosis, ParameterResult
+from psafit.diagnose.record import Diagnosis
+from psafit.diagnose.record.models import Counted, ParameterResult
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
 from psafit.model_search.model_set import LookedAt
+from psafit.records import Broken
 from psafit.report.diagnosis import remaining
 from psafit.report.diagnosis.answer import kind
 

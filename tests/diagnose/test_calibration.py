@@ -10,7 +10,8 @@ from diagnoses_by_hand import build, make_experiment, make_record
 from truths import FEW, experiment, problem
 
 from psafit.diagnose import calibration, diagnose
-from psafit.diagnose.answer import Calibrated, answer
+from psafit.diagnose.answer import answer
+from psafit.diagnose.answer.grounds import Calibrated
 from psafit.diagnose.calibration import calibrate, drawn
 from psafit.diagnose.record import RESULT, Diagnosis
 from psafit.diagnose.settings import Settings

@@ -11,7 +11,8 @@ from diagnoses_by_hand import make_experiment, make_record
 from truths import FEW, bump, experiment, problem
 
 from psafit.diagnose import diagnose
-from psafit.diagnose.answer import Drafted, answer
+from psafit.diagnose.answer import answer
+from psafit.diagnose.answer.worth import Drafted
 from psafit.diagnose.discrepancy import Discrepancy, discrepancy
 from psafit.diagnose.draft import FILE, DraftSettings, draft, drafted
 from psafit.diagnose.settings import Settings

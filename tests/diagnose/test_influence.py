@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from diagnoses_by_hand import build, make_experiment, make_record
 
-from psafit.diagnose.answer import LivesOn, answer
+from psafit.diagnose.answer import answer
+from psafit.diagnose.answer.grounds import LivesOn
 from psafit.diagnose.influence import Carried, Influence, carrying_half, influence
 from psafit.diagnose.words import PLAIN
 from psafit.model_search import ModelSet

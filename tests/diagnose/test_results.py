@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from truths import FEW, experiment, narrow, problem
 
-from psafit.diagnose.answer import Furthest
+from psafit.diagnose.answer.findings import Furthest
 from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import examine
-from psafit.diagnose.record import NEAREST, NEXT_BEST, NOT_EXCLUDED, UNSEEN
+from psafit.diagnose.record.models import NEAREST, NEXT_BEST, NOT_EXCLUDED, UNSEEN
 from psafit.diagnose.results import cause_result, counted_of, misfit_of, screening_of, word_for
 from psafit.diagnose.room import Room
 from psafit.diagnose.screening import screen

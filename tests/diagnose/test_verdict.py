@@ -10,10 +10,10 @@ from truths import FEW, experiment, problem
 
 from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import ALPHA, Coincidence, examine
-from psafit.diagnose.record import Broken
 from psafit.diagnose.verdict import conclude
 from psafit.inference.candidate import fit
 from psafit.model_search import search_models
+from psafit.records import Broken
 
 PAIR = Coincidence("frequency", (("a", 1), ("c", 1)), 200.0, 200.0, 0.2, 3.0, 0.01)
 """Two readings of different groups that stand out together."""

@@ -13,12 +13,14 @@ import pytest
 from diagnoses_by_hand import CONSTANTS, build, growth, make_experiment, make_record
 from reader import HOSTILE, Reader
 
-from psafit.diagnose.answer import Next
+from psafit.diagnose.answer.worth import Next
 from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.explanations import Explanation
 from psafit.diagnose.gain import Choice
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, Purpose
-from psafit.diagnose.record import NOT_EXCLUDED, UNSEEN, Confusion, Diagnosis, MisfitResult, ModelShown
+from psafit.diagnose.record import Confusion, Diagnosis
+from psafit.diagnose.record.misfit import MisfitResult
+from psafit.diagnose.record.models import NOT_EXCLUDED, UNSEEN, ModelShown
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.experiment import Experiment, Group, fingerprint

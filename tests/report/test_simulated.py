@@ -14,7 +14,7 @@ from diagnoses_by_hand import make_record
 from fits_by_hand import make_run, mixed_groups
 from matplotlib.figure import Figure
 
-from psafit.diagnose.record import ParameterResult
+from psafit.diagnose.record.models import ParameterResult
 from psafit.experiment import Experiment, write_experiment
 from psafit.records import write_json
 from psafit.report import simulated

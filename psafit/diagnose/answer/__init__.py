@@ -27,46 +27,15 @@ from psafit.diagnose.answer.findings import (
     Unseen,
 )
 from psafit.diagnose.answer.grounds import ByChance, Calibrated, LivesOn, OneGroup, Searched, SmoothIsBetter
-from psafit.diagnose.answer.statement import Statement, Topic
+from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.answer.worth import CheckFirst, Drafted, Gained, Next, NoGain
 from psafit.diagnose.misfit import ALPHA
-from psafit.diagnose.record import NOT_EXCLUDED, UNSEEN, CauseResult, Diagnosis, ParameterResult
+from psafit.diagnose.record import Diagnosis
+from psafit.diagnose.record.models import NOT_EXCLUDED, UNSEEN, CauseResult, ParameterResult
 from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.inference import noise
 from psafit.parameters import Belief, leading_belief
 from psafit.physics import owner
-
-__all__ = [
-    "AtWork",
-    "BreaksLaw",
-    "ByChance",
-    "Calibrated",
-    "CheckFirst",
-    "Drafted",
-    "Furthest",
-    "Gained",
-    "Implausible",
-    "Judged",
-    "Kind",
-    "LivesOn",
-    "Named",
-    "Next",
-    "NoGain",
-    "NothingShows",
-    "OneGroup",
-    "Restricted",
-    "Room",
-    "Searched",
-    "Sizes",
-    "SmoothIsBetter",
-    "Statement",
-    "TooWeak",
-    "Topic",
-    "Unseen",
-    "answer",
-    "kept",
-    "sentences",
-]
 
 _TAILS = noise.PARAMETERS[-1]
 

@@ -8,13 +8,14 @@ from typing import Literal
 
 from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.misfit import ALPHA, Character, Statistic, described
-from psafit.diagnose.record import Broken, Condition, Counted, ParameterResult, Reading
+from psafit.diagnose.record.misfit import Condition, Reading
+from psafit.diagnose.record.models import Counted, ParameterResult
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.model_search.model_set import CREDIBLE, LookedAt
 from psafit.physics import owner
-from psafit.records import Objection
+from psafit.records import Broken, Objection
 from psafit.text import p_text, significant
 
 WORTH_SAYING = 0.05

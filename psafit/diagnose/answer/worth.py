@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.gain import Gain
 from psafit.diagnose.next_experiment import NextExperiment
-from psafit.diagnose.record import Axis, Draft
+from psafit.diagnose.record.misfit import Axis, Draft
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.text import count, fixed

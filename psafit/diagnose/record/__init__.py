@@ -9,73 +9,15 @@ from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.gain import Choice, Gain
 from psafit.diagnose.influence import Influence
 from psafit.diagnose.next_experiment import NextExperiment, Rehearsal
-from psafit.diagnose.record.misfit import (
-    Axis,
-    Condition,
-    DiscrepancyResult,
-    Draft,
-    GroupDiscrepancy,
-    MisfitResult,
-    Reading,
-    Tests,
-    Where,
-)
-from psafit.diagnose.record.models import (
-    NEAREST,
-    NEXT_BEST,
-    NOT_EXCLUDED,
-    UNSEEN,
-    Apart,
-    CauseResult,
-    Counted,
-    Evidence,
-    ExtensionRun,
-    ModelShown,
-    ParameterResult,
-    ScreeningResult,
-    ScreeningWord,
-)
+from psafit.diagnose.record.misfit import Draft, MisfitResult
+from psafit.diagnose.record.models import CauseResult, Counted, ExtensionRun, ModelShown, ScreeningResult
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.trials import Calibration, VerdictWord, Why, stands
 from psafit.errors import InputError
 from psafit.experiment import GroupId
 from psafit.files import sha256
 from psafit.model_search.model_set import LookedAt
-from psafit.records import ABSENT, Brief, Broken, Law, Numerics
-
-__all__ = [
-    "MARKER",
-    "NEAREST",
-    "NEXT_BEST",
-    "NOT_EXCLUDED",
-    "PAGE",
-    "PREDICTIONS",
-    "RESULT",
-    "UNSEEN",
-    "Apart",
-    "Axis",
-    "Broken",
-    "CauseResult",
-    "Condition",
-    "Confusion",
-    "Counted",
-    "Diagnosis",
-    "DiscrepancyResult",
-    "Draft",
-    "Evidence",
-    "ExtensionRun",
-    "GroupDiscrepancy",
-    "Law",
-    "MisfitResult",
-    "ModelShown",
-    "ParameterResult",
-    "Reading",
-    "ScreeningResult",
-    "ScreeningWord",
-    "Tests",
-    "Where",
-    "is_diagnosis",
-]
+from psafit.records import ABSENT, Brief, Broken, Numerics
 
 RESULT, PAGE, PREDICTIONS = "diagnosis.json", "diagnosis.html", "predictions-diagnosis.csv"
 

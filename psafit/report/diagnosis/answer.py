@@ -9,7 +9,9 @@ from typing import Final
 import numpy as np
 from markupsafe import Markup, escape
 
-from psafit.diagnose.answer import Judged, Statement, Topic, answer, kept
+from psafit.diagnose.answer import answer, kept
+from psafit.diagnose.answer.findings import Judged
+from psafit.diagnose.answer.statement import Statement, Topic
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId

@@ -15,13 +15,13 @@ from matplotlib.patches import Patch
 from psafit.compare import known
 from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.influence import Influence
-from psafit.diagnose.record import (
+from psafit.diagnose.record import Diagnosis
+from psafit.diagnose.record.models import (
     NEAREST,
     NEXT_BEST,
     NOT_EXCLUDED,
     UNSEEN,
     CauseResult,
-    Diagnosis,
     Evidence,
     ScreeningResult,
 )

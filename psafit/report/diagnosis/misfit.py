@@ -13,7 +13,8 @@ from scipy.stats import norm
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.misfit import ALPHA
-from psafit.diagnose.record import Diagnosis, Where
+from psafit.diagnose.record import Diagnosis
+from psafit.diagnose.record.misfit import Where
 from psafit.diagnose.show import Corner, Growth, Offset
 from psafit.experiment import Experiment
 from psafit.observables import OBSERVABLES

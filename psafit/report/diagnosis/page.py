@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from psafit.diagnose.answer import Searched
+from psafit.diagnose.answer.grounds import Searched
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import PAGE, Diagnosis
 from psafit.diagnose.retest import kept

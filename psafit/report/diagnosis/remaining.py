@@ -11,7 +11,8 @@ from markupsafe import Markup
 from psafit.arrays import FloatArray
 from psafit.compare import known
 from psafit.diagnose.misfit import ALPHA, described
-from psafit.diagnose.record import Diagnosis, Tests
+from psafit.diagnose.record import Diagnosis
+from psafit.diagnose.record.misfit import Tests
 from psafit.diagnose.significance import OTHERWISE, Significance
 from psafit.records import Objection
 from psafit.report.diagnosis import words

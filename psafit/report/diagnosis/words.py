@@ -10,7 +10,8 @@ from markupsafe import Markup
 from psafit.compare import known
 from psafit.diagnose.explanations import Kind
 from psafit.diagnose.next_experiment import Proposal
-from psafit.diagnose.record import CauseResult, Diagnosis, Evidence, ParameterResult
+from psafit.diagnose.record import Diagnosis
+from psafit.diagnose.record.models import CauseResult, Evidence, ParameterResult
 from psafit.experiment import GroupId
 from psafit.report.catalogue import declared
 from psafit.report.wording import (
