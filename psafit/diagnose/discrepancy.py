@@ -121,9 +121,7 @@ class Discrepancy:
         return found
 
 
-def discrepancy(
-    candidate: Candidate, outlying: FloatArray | None = None, settings: DiscrepancySettings | None = None
-) -> Discrepancy:
+def discrepancy(candidate: Candidate, outlying: FloatArray | None = None) -> Discrepancy:
     """Fit a discrepancy added to a model.
 
     Parameters
@@ -132,11 +130,8 @@ def discrepancy(
     outlying : (n_points,) array, optional
         Factor on each reading's variance, from the `stretch` of another model where evidences are to be compared; the
         candidate's own by default.
-    settings : DiscrepancySettings, optional
     """
-    settings = settings or DiscrepancySettings()
-    priors = settings.priors
-    around = Expansion.of(candidate, stretch(candidate) if outlying is None else outlying, priors)
+    around = Expansion.of(candidate, stretch(candidate) if outlying is None else outlying)
     without = around.fitted(around.scatter, with_it=False)
     # A scatter that had to stand for the discrepancy, too, may be either of its parts: there are several modes.
     low = [p.sampling_bounds.lower for p in around.parameters]
@@ -150,14 +145,14 @@ def discrepancy(
         (around.scatter, 1.0, 0.1),
     )
     ends = [
-        around.fitted(np.array([*np.maximum(begin, low), math.log(a), math.log(b), priors[-1][0]]), with_it=True)
+        around.fitted(np.array([*np.maximum(begin, low), math.log(a), math.log(b), around.priors[-1][0]]), with_it=True)
         for begin, a, b in starts
     ]
     best = max(ends, key=lambda end: end.log_evidence)
     sigma_rel, sigma_abs = around.scatter_at(best.v)
     measured = candidate.problem.design.measured
     mean, variance = around.discrepancy(best.v)
-    heard = np.abs(around.predicted) > settings.silent * sigma_abs
+    heard = np.abs(around.predicted) > DiscrepancySettings.silent * sigma_abs
     amplitude, level, reach = np.exp(best.v[-3:]).tolist()
     return Discrepancy(
         log_bayes=best.log_evidence - without.log_evidence,
@@ -201,7 +196,7 @@ class Expansion:
     placed: float  # log prior density of the model's parameters at the fit, over the normal one that stands for it
 
     @classmethod
-    def of(cls, candidate: Candidate, outlying: FloatArray, priors: tuple[tuple[float, float], ...]) -> Expansion:
+    def of(cls, candidate: Candidate, outlying: FloatArray) -> Expansion:
         """Expand a model about its best mode; `outlying` widens each reading's scatter."""
         problem = candidate.problem
         n = problem.n_model
@@ -224,7 +219,7 @@ class Expansion:
             groups=tuple(rows for rows, _ in ordered),
             squared=tuple((x[:, None] - x[None, :]) ** 2 for _, x in ordered),
             remembered=tuple(_remembered(candidate, rows) for rows, _ in ordered),
-            priors=priors,
+            priors=DiscrepancySettings().priors,
             placed=float(np.sum(density + 0.5 * math.log(2 * math.pi) + np.log(width))),
         )
 

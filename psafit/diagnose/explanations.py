@@ -26,7 +26,7 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.discrepancy import Discrepancy, DiscrepancySettings, Expansion, prior_widths, stretch
+from psafit.diagnose.discrepancy import Discrepancy, Expansion, prior_widths, stretch
 from psafit.inference.candidate import Candidate
 from psafit.simulate import Design, readings
 
@@ -169,7 +169,7 @@ class Explanations:
         rows = np.flatnonzero((design.measured == design.usually_measured) & ~design.traced)
         if not rows.size:
             return None
-        around = Expansion.of(candidate, stretch(candidate), DiscrepancySettings().priors)
+        around = Expansion.of(candidate, stretch(candidate))
         fitted, with_it = (
             tuple(float(np.broadcast_to(x, design.n_points)[rows[0]]) for x in around.scatter_at(v))
             for v in (around.scatter, left.hyper)

@@ -257,7 +257,6 @@ def examine(
     exact: bool | None = None,
     influence: bool = True,
     tails: bool = True,
-    settings: MisfitSettings | None = None,
 ) -> Misfit:
     """Test a fitted model.
 
@@ -276,9 +275,8 @@ def examine(
         Whether to ask if one group or a few readings are all that is wrong.
     tails : bool
         Whether to ask if heavy tails were needed to pass.
-    settings : MisfitSettings, optional
     """
-    settings = settings or MisfitSettings()
+    settings = MisfitSettings()
     problem, u = candidate.problem, candidate.modes[:1]
     if exact is None:
         exact = path_of(candidate.terms) == "closed form"
@@ -315,13 +313,11 @@ def examine(
     character: Character = "none"
     odd_groups: tuple[GroupId, ...] = ()
     if p_value < ALPHA:
-        character, odd_groups = character_of(
-            candidate, catalogue, statistics, seed, odd_points, settings if influence else None
-        )
+        character, odd_groups = character_of(candidate, catalogue, statistics, seed, odd_points, influence=influence)
     usual, held = None, _with_usual_tails(candidate) if tails and ALPHA <= p_value < 1.0 else None
     if held is not None:
         how: dict[str, Any] = {"n_simulated": n_simulated, "exact": exact, "influence": False, "tails": False}
-        usual = examine(held, catalogue, seed=seed, settings=settings, **how).p_value
+        usual = examine(held, catalogue, seed=seed, **how).p_value
     return Misfit(
         p_value, tuple(statistics), places, coincidences, character, odd_groups, odd_points, observed[0],
         n_simulated if tested else 0,
@@ -460,12 +456,13 @@ def character_of(
     statistics: Sequence[Statistic],
     seed: int,
     odd_points: tuple[tuple[GroupId, int], ...],
-    settings: MisfitSettings | None,
+    *,
+    influence: bool,
 ) -> tuple[Character, tuple[GroupId, ...]]:
-    """Say what kind of thing is wrong; see `Misfit`. Groups are left out only with settings for that."""
+    """Say what kind of thing is wrong; see `Misfit`. Groups are left out only where their `influence` is asked for."""
     kinds = {s.kind for s in statistics if s.significant}
-    problem = candidate.problem
-    if settings and "mean" in kinds and len(problem.group_ids) > 2:
+    problem, settings = candidate.problem, MisfitSettings()
+    if influence and "mean" in kinds and len(problem.group_ids) > 2:
         suspects = list(dict.fromkeys(s.group for s in statistics if s.significant and s.group is not None))
         clean = []
         for group_id in suspects[:6]:
@@ -474,10 +471,8 @@ def character_of(
             if others.observed.size < max(settings.others * own, 2 * problem.n_physical):
                 continue  # too few to find anything wrong
             without = refitted(others, candidate)
-            p = examine(
-                without, catalogue, seed=seed, n_simulated=settings.n_without, exact=False, influence=False,
-                tails=False, settings=settings,
-            ).p_value  # fmt: skip
+            quick: dict[str, Any] = {"exact": False, "influence": False, "tails": False}
+            p = examine(without, catalogue, seed=seed, n_simulated=settings.n_without, **quick).p_value
             if p > 0.1:
                 clean.append((p, group_id))
         if clean:

@@ -349,11 +349,9 @@ def possible_measurements(candidate: Candidate, settings: TraceSettings) -> list
     return [*of_launches, *(replace(p, other=p.design.measured[0] not in read) for p in of_traces)]
 
 
-def separating(
-    tied: Sequence[tuple[Candidate, ImportanceSample]], *, seed: int, settings: ProposalSettings | None = None
-) -> list[Proposal]:
+def separating(tied: Sequence[tuple[Candidate, ImportanceSample]], *, seed: int) -> list[Proposal]:
     """Measurements by how well they would separate two models or more; best first."""
-    settings = settings or ProposalSettings()
+    settings = ProposalSettings()
     rng = np.random.default_rng([seed, 17])
     possible, usual = possible_measurements(tied[0][0], settings.trace), tied[0][0].problem.design.usually_measured
     forecasts: list[list[PredictedReadings]] = []
@@ -373,14 +371,12 @@ def separating(
     return worth_building(found, settings.changed_rig)
 
 
-def determine(
-    best_model: Candidate, draws: ImportanceSample, *, seed: int, settings: ProposalSettings | None = None
-) -> tuple[str, list[Proposal]]:
+def determine(best_model: Candidate, draws: ImportanceSample, *, seed: int) -> tuple[str, list[Proposal]]:
     """Measurements by how much they would narrow a weakly determined parameter, and which one that is; best first.
 
     It is the one of which a measurement can show most.
     """
-    settings = settings or ProposalSettings()
+    settings = ProposalSettings()
     rng = np.random.default_rng([seed, 17])
     possible, weak = possible_measurements(best_model, settings.trace), weakly_determined(best_model, draws)
     usual = best_model.problem.design.usually_measured
@@ -407,7 +403,6 @@ def explaining(
     places: Iterable[tuple[GroupId, str, float, float]],
     *,
     seed: int,
-    settings: ProposalSettings | None = None,
 ) -> list[Proposal]:
     """Measurements by how well they would show what a misfit follows; best first.
 
@@ -418,9 +413,8 @@ def explaining(
     places : tuples of group id, "frequency" or "amplitude", and two ends
         Where the misfit stands out: it is measured again there, too.
     seed : int
-    settings : ProposalSettings, optional
     """
-    settings = settings or ProposalSettings()
+    settings = ProposalSettings()
     experiment = explanations.candidate.problem.experiment
     rig = experiment.constants, experiment.groups, experiment.limits
     design = explanations.candidate.problem.design

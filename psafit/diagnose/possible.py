@@ -78,7 +78,6 @@ def proposals(
     constants: Constants,
     groups: Sequence[Conditions],
     allowed: Iterable[tuple[str, tuple[float, float]]],
-    settings: SweepSettings | None = None,
 ) -> list[Possible]:
     """Return the measurements that the rig allows: sweeps within its limits, and each changed constant.
 
@@ -89,9 +88,8 @@ def proposals(
         What is measured, or planned.
     allowed : pairs of a name and two ends
         The limits that the experiment states, if any.
-    settings : SweepSettings, optional
     """
-    how = settings or SweepSettings()
+    how = SweepSettings()
     points = how.points
     # A recorded voltage is as it is: it can be played again, and to another rig.
     limits = dict(allowed)
@@ -169,7 +167,6 @@ def near(
     groups: Sequence[Conditions],
     allowed: Iterable[tuple[str, tuple[float, float]]],
     places: Iterable[tuple[GroupId, str, float, float]],
-    settings: SweepSettings | None = None,
 ) -> list[Possible]:
     """Return sweeps of stretches that were measured already: again, by another drive, and on each changed rig.
 
@@ -179,9 +176,8 @@ def near(
         As of `proposals`.
     places : tuples of group id, "frequency" or "amplitude", and two ends
         Each stretch reaches to the readings on either side of it.
-    settings : SweepSettings, optional
     """
-    how, limits, found = settings or SweepSettings(), dict(allowed), []
+    how, limits, found = SweepSettings(), dict(allowed), []
     span = _Span.of(constants, groups, limits)
     for id, variable, low, high in places:
         group = next((g for g in groups if g.id == id), None)

@@ -58,7 +58,6 @@ def repeat(
     log_prior: Sequence[float],
     *,
     seed: int,
-    settings: RehearsalSettings | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Rehearsal:
     """Measure the same conditions again in simulation, with each of some models as the truth; see `rehearse`."""
@@ -69,9 +68,7 @@ def repeat(
         again = problem.experiment.with_readings(np.maximum(made, problem.floor))
         return lambda model: replace(model, experiment=again)
 
-    return _judged(
-        "the same conditions again", tied, log_prior, softmax(log_prior), measure, [seed, 31], settings, progress
-    )
+    return _judged("the same conditions again", tied, log_prior, softmax(log_prior), measure, [seed, 31], progress)
 
 
 def rehearse(
@@ -80,7 +77,6 @@ def rehearse(
     proposal: Proposal,
     *,
     seed: int,
-    settings: RehearsalSettings | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Rehearsal:
     """Measure a proposed sweep in simulation, with each of some models as the truth.
@@ -93,7 +89,6 @@ def rehearse(
         Log prior probability of each.
     proposal : Proposal
     seed : int
-    settings : RehearsalSettings, optional
     progress : callable
         Called with (rehearsals done, rehearsals).
 
@@ -112,7 +107,7 @@ def rehearse(
         return with_it
 
     before = softmax([w.log_evidence + p for (_, w), p in zip(tied, log_prior, strict=True)])
-    return _judged(proposal.text, tied, log_prior, before, measure, [seed, 23], settings, progress)
+    return _judged(proposal.text, tied, log_prior, before, measure, [seed, 23], progress)
 
 
 def _judged(
@@ -122,29 +117,24 @@ def _judged(
     before: FloatArray,
     measure: _Measure,
     stream: list[int],
-    settings: RehearsalSettings | None,
     progress: Callable[[int, int], None],
 ) -> Rehearsal:
     """Fit all models to what each of them makes in turn."""
-    settings = settings or RehearsalSettings()
-    truth, after, first = [], [], 0
+    truth, after, first, trials = [], [], 0, RehearsalSettings.trials
     for k, (candidate, own) in enumerate(tied):
-        for trial in range(settings.trials):
-            progress(settings.trials * k + trial, settings.trials * len(tied))
+        for trial in range(trials):
+            progress(trials * k + trial, trials * len(tied))
             rng = np.random.default_rng([*stream, k, trial])
             measured = measure(candidate, own, rng)
             # The error of Laplace's approximation is taken to be the same before and after, so that it cancels.
             log_posterior = [
-                d.log_evidence
-                + _optimised(measured(c.problem), c, d, rng, settings).laplace_apart
-                - c.laplace_apart
-                + p
+                d.log_evidence + _optimised(measured(c.problem), c, d, rng).laplace_apart - c.laplace_apart + p
                 for (c, d), p in zip(tied, log_prior, strict=True)
             ]
             truth.append(list(candidate.ids))
             after.append(float(softmax(log_posterior)[k]))
             first += int(np.argmax(log_posterior) == k)
-    return Rehearsal(what, truth, np.repeat(before, settings.trials).tolist(), after, first)
+    return Rehearsal(what, truth, np.repeat(before, trials).tolist(), after, first)
 
 
 def _drawn(draws: ImportanceSample, n: int, rng: np.random.Generator) -> FloatArray:
@@ -164,14 +154,9 @@ def readings_to_come(problem: Problem, u: FloatArray, proposal: Proposal, rng: n
     return new.at(np.flatnonzero(read > 0)) if sweep.observable.blank and (read > 0).any() else new
 
 
-def _optimised(
-    problem: Problem,
-    candidate: Candidate,
-    draws: ImportanceSample,
-    rng: np.random.Generator,
-    settings: RehearsalSettings,
-) -> Candidate:
+def _optimised(problem: Problem, candidate: Candidate, draws: ImportanceSample, rng: np.random.Generator) -> Candidate:
     """A model fitted to other readings, from its optima and draws of its posterior."""
+    settings = RehearsalSettings()
     known = np.vstack([candidate.modes, _drawn(draws, settings.starts, rng)])
     at, shared = candidate.within(problem)
     starts = np.tile(at, (len(known), 1))

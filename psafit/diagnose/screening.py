@@ -111,9 +111,9 @@ def extended(problem: Problem, term: Term, catalogue: Sequence[Term]) -> Problem
     return replace(problem, terms=tuple(t for t in catalogue if t in (*problem.terms, term)))
 
 
-def screen(candidate: Candidate, catalogue: Sequence[Term], settings: ScreenSettings | None = None) -> list[Screened]:
+def screen(candidate: Candidate, catalogue: Sequence[Term]) -> list[Screened]:
     """Screen the causes that a fitted model does not have yet, in the catalogue's order."""
-    settings = settings or ScreenSettings()
+    settings = ScreenSettings()
     # A fit may stop at a discontinuity, where its expansion still rises whatever the cause. So gains are measured from
     # the expansion's own optimum.
     alone = maximise_linearly(
@@ -123,21 +123,12 @@ def screen(candidate: Candidate, catalogue: Sequence[Term], settings: ScreenSett
     top = float(alone.log_posterior[0])
     white = np.random.default_rng(0).standard_normal((settings.n_simulated, candidate.predicted.size))
     nothing = candidate.project_out(candidate.scatter * noise.correlated(white, candidate.noise))
-    return [
-        _screen(candidate, top, nothing, term, catalogue, settings) for term in catalogue if term not in candidate.terms
-    ]
+    return [_screen(candidate, top, nothing, term, catalogue) for term in catalogue if term not in candidate.terms]
 
 
-def _screen(
-    candidate: Candidate,
-    top: float,
-    nothing: FloatArray,
-    term: Term,
-    catalogue: Sequence[Term],
-    settings: ScreenSettings,
-) -> Screened:
+def _screen(candidate: Candidate, top: float, nothing: FloatArray, term: Term, catalogue: Sequence[Term]) -> Screened:
     """One cause added to a model whose own expansion ends at a log posterior `top`; `nothing` is simulated scatter."""
-    large = extended(candidate.problem, term, catalogue)
+    settings, large = ScreenSettings(), extended(candidate.problem, term, catalogue)
     at, shared = candidate.within(large)
     own = [large.names.index(p.name) for p in term.parameters]
     latent = [i for i in range(large.n_dim) if i not in own and i not in shared]
@@ -167,7 +158,7 @@ def _screen(
     q = np.array(settings.quantiles)
     gain = refitted(q)
     for _ in range(settings.halvings):
-        between = unclear_strengths(*with_neutral(term.strength, q, gain), settings)
+        between = unclear_strengths(*with_neutral(term.strength, q, gain))
         if not between.size:
             break
         more = refitted(between)
@@ -229,8 +220,9 @@ def with_neutral(strength: Parameter, q: FloatArray, gain: FloatArray) -> tuple[
     return np.insert(q, place, neutral), np.insert(gain, place, 0.0)
 
 
-def unclear_strengths(q: FloatArray, gain: FloatArray, settings: ScreenSettings) -> FloatArray:
+def unclear_strengths(q: FloatArray, gain: FloatArray) -> FloatArray:
     """Quantiles half way between neighbours whose gains differ so much that more may hide there than at either."""
+    settings = ScreenSettings()
     end = np.maximum(gain[1:], gain[:-1])
     wanted = np.flatnonzero((np.abs(np.diff(gain)) > settings.steep) & (end > gain.max() - settings.promising))
     wanted = wanted[np.argsort(-end[wanted], kind="stable")[: settings.most_halved]]

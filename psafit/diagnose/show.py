@@ -277,9 +277,9 @@ class CornerSettings:
     bent: float = 6.0
 
 
-def corners(candidate: Candidate, settings: CornerSettings | None = None) -> list[Corner]:
+def corners(candidate: Candidate) -> list[Corner]:
     """Corners of the sweeps in which the readings or the predictions have one."""
-    s = settings or CornerSettings()
+    s = CornerSettings()
     result = []
     design = candidate.problem.design
     absolute = np.broadcast_to(noise.columns(candidate.noise)[1][0], design.measured.shape)

@@ -477,9 +477,8 @@ class Emulated:
         simulated: FloatArray,
         before: StudentMixture,
         random: np.random.Generator,
-        settings: EmulatorSettings | None = None,
     ) -> None:
-        self._how = how = settings or EmulatorSettings()
+        self._how = how = EmulatorSettings()
         problem = candidate.problem
         self._problem = problem
         k = problem.n_model

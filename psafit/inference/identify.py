@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +83,7 @@ class _Walk:
 
     index: int
     points: list[tuple[FloatArray, float]]
-    how: ProfileSettings
+    how: ClassVar = ProfileSettings()
     again: set[tuple[float, float, float]] = field(default_factory=set)
 
     def add(self, u: FloatArray, log_posterior: float) -> None:
@@ -149,7 +150,6 @@ def profiles(
     top: FloatArray,
     progress: Callable[[int, int], None] = lambda done, total: None,
     columns: Sequence[int] | None = None,
-    settings: ProfileSettings | None = None,
 ) -> list[list[ProfilePoint]]:
     """Profile likelihoods, each walked outwards from the top until both sides close or a bound is met.
 
@@ -164,7 +164,6 @@ def profiles(
         Called with (profiles done, profiles).
     columns : sequence of int, optional
         Columns of the parameters; all physical ones by default.
-    settings : ProfileSettings, optional
 
     Returns
     -------
@@ -172,7 +171,7 @@ def profiles(
         One list a column, ascending in the value; `drop` is zero at the highest of its points. All else is found anew
         at every point; the other parameters of causes, and what each session has for itself, weighted by their priors.
     """
-    how = settings or ProfileSettings()
+    how = ProfileSettings()
     likelihood = _Likelihood(**{f.name: getattr(problem, f.name) for f in fields(problem)})
     columns = range(problem.n_physical) if columns is None else columns
     low, high = likelihood.bounds.T
@@ -191,7 +190,7 @@ def profiles(
     _, curvature = expansion(likelihood, peak.u, peak.predicted, slope, likelihood.observed[None])
     spread = np.linalg.pinv(curvature[0] + how.flattest * np.eye(likelihood.n_dim))
     width = np.sqrt(np.maximum(np.diag(spread), 1e-12))
-    walks = [_Walk(k, [(peak.u[0], float(likelihood.profiled(peak, [k])[0]))], how) for k in columns]
+    walks = [_Walk(k, [(peak.u[0], float(likelihood.profiled(peak, [k])[0]))]) for k in columns]
     first = []
     for walk in walks:
         k = walk.index

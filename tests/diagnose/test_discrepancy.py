@@ -10,7 +10,7 @@ import pytest
 from rigs import RIG
 from truths import bump, experiment, problem
 
-from psafit.diagnose.discrepancy import Discrepancy, DiscrepancySettings, Expansion, _remembered, discrepancy, stretch
+from psafit.diagnose.discrepancy import Discrepancy, Expansion, _remembered, discrepancy, stretch
 from psafit.inference.candidate import fit
 from psafit.inference.problem import Problem
 from psafit.physics import terms
@@ -35,7 +35,7 @@ def test_a_reading_without_a_drive_does_not_turn_a_sweep_round():
 
 def test_a_discrepancy_is_that_of_dense_matrices(sound):
     """By groups and with the parameters as least squares, against the readings' covariance as it is written."""
-    around = Expansion.of(sound, 1 + 0.1 * np.arange(sound.problem.observed.size), DiscrepancySettings().priors)
+    around = Expansion.of(sound, 1 + 0.1 * np.arange(sound.problem.observed.size))
     group = sound.problem.design.group
     x = sound.problem.design.along("frequency").copy()
     x[group == 1] = sound.problem.design.along("amplitude")[group == 1]
@@ -65,7 +65,7 @@ def test_the_best_mode_of_a_discrepancy_is_found(ids):
     one = replace(problem(experiment(["hysteresis"], [0.5, 20.0], relative=0.03, seed=4)), terms=terms(ids))
     candidate = fit(one, [fit(problem(one.experiment), (), seed=1)] if ids else (), seed=1)
     found = discrepancy(candidate)
-    around = Expansion.of(candidate, stretch(candidate), DiscrepancySettings().priors)
+    around = Expansion.of(candidate, stretch(candidate))
     rng = np.random.default_rng(2)
     ends = [
         around.fitted(np.r_[rng.uniform(-6, 0, 2), rng.uniform(-4, 0.7, 2), rng.normal(-0.3, 0.6)], with_it=True)

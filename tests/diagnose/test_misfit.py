@@ -71,7 +71,7 @@ def test_what_is_spoilt_is_found_where_it_is(spoil, characters, group):
 def test_the_kind_of_what_is_wrong_is_that_of_what_stands_out(sound, kinds, odd, character):
     beyond = [Statistic(kind, kind, None, 9.0, 3.0, 0.001, True) for kind in kinds]
     within = Statistic("mean", "mean", None, 1.0, 0.5, 0.3, False)
-    assert character_of(sound, FEW, [*beyond, within], 1, odd, None) == (character, ())
+    assert character_of(sound, FEW, [*beyond, within], 1, odd, influence=False) == (character, ())
 
 
 def test_readings_of_two_sweeps_that_are_odd_at_one_frequency_are_seen():

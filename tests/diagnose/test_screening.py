@@ -10,7 +10,6 @@ from truths import FEW, experiment, problem
 
 from psafit.diagnose.screening import (
     PRESENT,
-    ScreenSettings,
     gains_by_luck,
     screen,
     unclear_strengths,
@@ -74,17 +73,17 @@ def test_what_luck_gains_has_the_known_laws():
 def test_screening_looks_between_where_gains_are_steep():
     """A cause that acts by thresholds helps in a narrow range, next to which it harms."""
     q = np.array([0.1, 0.3, 0.5, 0.9])
-    assert unclear_strengths(q, np.array([0.0, 0.0, -30.0, -31.0]), ScreenSettings()) == pytest.approx([0.4])
-    assert unclear_strengths(q, np.array([0.0, 1.0, 2.0, 1.0]), ScreenSettings()).size == 0
+    assert unclear_strengths(q, np.array([0.0, 0.0, -30.0, -31.0])) == pytest.approx([0.4])
+    assert unclear_strengths(q, np.array([0.0, 1.0, 2.0, 1.0])).size == 0
     # Far below the best nothing is worth a look.
-    assert unclear_strengths(q, np.array([40.0, 39.0, 0.0, -30.0]), ScreenSettings()) == pytest.approx([0.4])
+    assert unclear_strengths(q, np.array([40.0, 39.0, 0.0, -30.0])) == pytest.approx([0.4])
 
 
 def test_a_stronger_effect_than_any_tried_is_looked_for_towards_neutral():
     """Where the weakest strength of the prior's quantiles is far too much, what helps lies below it."""
     lag = terms(["amplifier_lag"])[0].strength
     q, gain = with_neutral(lag, np.array([0.02, 0.1]), np.array([-50.0, -90.0]))
-    assert (q[0], gain[0]) == (0.0, 0.0) and unclear_strengths(q, gain, ScreenSettings()) == pytest.approx([0.01])
+    assert (q[0], gain[0]) == (0.0, 0.0) and unclear_strengths(q, gain) == pytest.approx([0.01])
     ratio = terms(["stroke_tolerance"])[0].strength  # neutral in the middle
     q, gain = with_neutral(ratio, np.array([0.1, 0.9]), np.array([5.0, -9.0]))
     assert q[1] == pytest.approx(ratio.prior_share(ratio.neutral)) and gain.tolist() == [5.0, 0.0, -9.0]
