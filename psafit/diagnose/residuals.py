@@ -113,21 +113,16 @@ def looks(
 ) -> dict[Key, FloatArray]:
     """Every statistic of every row of `e`, larger for worse; each (n_sets,)."""
     found: dict[Key, FloatArray] = {}
-    design = problem.design
-    scans = []
-    for group_id, variable, rows in sweeps(problem):
+    design, ordered, scans = problem.design, sweeps(problem), []
+    for group_id, variable, rows in ordered:
         x = e[:, rows]
         n, of = rows.size, of_what(problem, rows)
         if n < settings.fewest:
             continue
-        found[f"level{of}", "mean", group_id] = np.abs(x.sum(axis=1)) / math.sqrt(n)
-        found[f"neighbours{of} along the {variable}", "mean", group_id] = (x[:, 1:] * x[:, :-1]).sum(
-            axis=1
-        ) / math.sqrt(n)
-        signs = (x > 0).astype(int)
-        found[f"runs{of} along the {variable}", "mean", group_id] = -np.abs(np.diff(signs, axis=1)).sum(
-            axis=1
-        ) / math.sqrt(n)
+        root, along = math.sqrt(n), f"{of} along the {variable}"
+        found[f"level{of}", "mean", group_id] = np.abs(x.sum(axis=1)) / root
+        found[f"neighbours{along}", "mean", group_id] = (x[:, 1:] * x[:, :-1]).sum(axis=1) / root
+        found[f"runs{along}", "mean", group_id] = -np.abs(np.diff((x > 0).astype(int), axis=1)).sum(axis=1) / root
         scan = np.abs(windows(x, settings.windows)[0]).max(axis=1)
         found[f"stretches of {variable}{of and ',' + of}", "mean", group_id] = scan
         scans.append(scan)
@@ -136,17 +131,18 @@ def looks(
         found["stretches of any sweep", "mean", None] = np.max(scans, axis=0)
     for variable, rows_of in shared(problem).items():
         found[f"readings at one {variable}", "mean", None] = np.max([both(e[:, rows]) for rows in rows_of], axis=0)
-    order = np.concatenate([rows for _, _, rows in sweeps(problem)])
+    order = np.concatenate([rows for _, _, rows in ordered])
     x = e[:, order]
     of = 2**8 * design.group[order] + design.measured[order]
     same = of[1:] == of[:-1]
     found["neighbours in all sweeps", "mean", None] = (x[:, 1:] * x[:, :-1])[:, same].sum(axis=1) / math.sqrt(
         max(same.sum(), 1)
     )
+    size = np.log(np.abs(predicted) * problem.per_um + 0.05)
     covariates = {
         "frequency": design.along("frequency"),
         "amplitude": design.along("amplitude"),
-        "predicted size": np.log(np.abs(predicted) * problem.per_um + 0.05),
+        "predicted size": size,
         "order in the file": in_session(design),
     }
     kinds = {"waveform": design.kinds, "observable": problem.scatter_of(design.measured)}
@@ -170,7 +166,6 @@ def looks(
             levels = np.eye(kind.max() + 1)[kind]
             basis = _spanned(levels[:, 1:] - levels[:, 1:].mean(axis=0))
             found[f"trend with {name}", "mean", None] = np.sqrt(np.square(e @ basis).sum(axis=1))
-    size = np.log(np.abs(predicted) * problem.per_um + 0.05)
     size = (size - size.mean()) / max(float(size.std()), 1e-9)
     square = np.minimum(e**2, 9.0)
     found["spread against predicted size", "spread", None] = np.abs(
