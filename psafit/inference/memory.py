@@ -45,11 +45,6 @@ class Memory:
         self._held: dict[str, Arrays] = {}
 
     @property
-    def lasts(self) -> bool:
-        """Whether another process finds what is kept."""
-        return self._folder is not None
-
-    @property
     def within_reach(self) -> bool:
         """Whether its folder is here; a process of another machine may not see it."""
         return self._folder is not None and self._folder.is_dir()
@@ -158,13 +153,14 @@ def shared_out(
     scheduler: str | None,
     progress: Callable[[int, int], None],
 ) -> list[Result]:
-    """Results of work on each of some things; where the memory lasts, other processes do it first.
+    """Results of work on each of some things, which other processes do first.
 
     Parameters
     ----------
     work : callable
         Called with the memory, which keeps what it finds, and one thing.
     memory : Memory
+        In a folder.
     things : sequence
     jobs : int
     scheduler : str, optional
@@ -172,10 +168,9 @@ def shared_out(
     progress : callable
         Called with (things done, things).
     """
-    if memory.lasts:
-        memory.begin()
-        calls = [(work, memory, thing) for thing in things]
-        precompute(lent, calls, jobs, progress, scheduler=scheduler, take=memory.receive)
+    memory.begin()
+    calls = [(work, memory, thing) for thing in things]
+    precompute(lent, calls, jobs, progress, scheduler=scheduler, take=memory.receive)
     found = []
     for k, thing in enumerate(things):
         progress(k, len(things))

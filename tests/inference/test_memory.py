@@ -89,7 +89,7 @@ def test_what_is_kept_on_another_machine_is_sent(tmp_path):
 def test_without_a_folder_things_are_kept_as_long_as_the_memory():
     one, memory = problem(experiment(n=8)), Memory(None)
     key = memory.key("fit", one, 1)
-    assert memory.look(key) is None and not memory.holds(key) and not memory.lasts
+    assert memory.look(key) is None and not memory.holds(key)
     memory.recall("fit", one, 1, lambda: {"x": np.arange(3.0)})
     assert memory.holds(key) and memory.recall("fit", one, 1, lambda: 1 / 0)["x"].tolist() == [0, 1, 2]
     assert Memory(None).look(key) is None
