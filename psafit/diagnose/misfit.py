@@ -227,11 +227,6 @@ class Misfit(Tested):
     usual_tails: float | None = None
 
     @property
-    def wrong(self) -> bool:
-        """Whether the tests reject the model."""
-        return self.p_value < ALPHA
-
-    @property
     def stretches(self) -> list[tuple[GroupId, Variable, float, float]]:
         """Where readings stand out, along a sweep or together: a group, what it sweeps, and the two ends there."""
         places = [(p.group, p.variable, p.lower, p.upper) for p in self.places]

@@ -175,15 +175,6 @@ class Problem:
             return None
         return np.concatenate([np.zeros(g.reading.size) if g.sigma is None else g.sigma for g in groups])
 
-    @property
-    def usual_sigma(self) -> float | None:
-        """Median of the uncertainties that readings of `Design.usually_measured` state; None unless most state one."""
-        if self.known_sigma is None:
-            return None
-        known = self.known_sigma[self.design.measured == self.design.usually_measured]
-        stated = known[known > 0]
-        return float(np.median(stated)) if 2 * stated.size > known.size else None
-
     @cached_property
     def bounds(self) -> FloatArray:
         """Bounds in the sampling coordinate, (n_dim, 2)."""
@@ -306,8 +297,15 @@ class Problem:
         return np.tile([p.prior_median for p in observable.scatter], (len(u), 1))
 
     def sigma_to_come(self, measured: int) -> float | None:
-        """Usual uncertainty of readings to come of one observable, where most readings of it state one."""
-        return self.usual_sigma if measured == self.design.usually_measured else None
+        """Usual uncertainty of readings to come of one observable: the median, where most readings of it state one.
+
+        None of others than `Design.usually_measured`.
+        """
+        if self.known_sigma is None or measured != self.design.usually_measured:
+            return None
+        known = self.known_sigma[self.design.measured == measured]
+        stated = known[known > 0]
+        return float(np.median(stated)) if 2 * stated.size > known.size else None
 
     def scatter_of(self, measured: NDArray[np.int8]) -> NDArray[np.intp]:
         """Which of `observables` each reading is of, (n_points,)."""

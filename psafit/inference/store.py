@@ -200,11 +200,10 @@ def r_hat(values: FloatArray) -> FloatArray:
 
 
 def diagnostics(values: FloatArray) -> dict[str, FloatArray]:
-    """Convergence of (n_chains, n_draws, n_dim) draws: `r_hat`, `ess_bulk`, `ess_tail`, each (n_dim,)."""
+    """Convergence of (n_chains, n_draws, n_dim) draws: `ess_bulk`, `ess_tail`, each (n_dim,)."""
     az = _arviz()
 
     return {
-        "r_hat": r_hat(values),
         "ess_bulk": _each(az.ess, values, method="bulk"),
         "ess_tail": _each(az.ess, values, method="tail", prob=(0.05, 0.95)),
     }

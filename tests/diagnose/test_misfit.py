@@ -21,7 +21,7 @@ from psafit.simulate import MICRO, Design, simulate
 def test_a_sound_model_is_not_accused(sound):
     found = examine(sound, FEW, seed=1, n_simulated=199)
     assert found.p_value > 0.05
-    assert not found.wrong
+    assert found.objection != "tests"
     assert found.character == "none"
     assert found.places == ()
     assert discrepancy(sound).log_bayes < 0
@@ -78,7 +78,7 @@ def test_readings_of_two_sweeps_that_are_odd_at_one_frequency_are_seen():
     """Heavy tails take up either of them, but errors of reading do not meet."""
     e = experiment(spoil=narrow)
     found = examine(fit(problem(e), (), seed=1, draws=512, most=8), FEW, seed=1, n_simulated=199)
-    assert found.wrong and found.character == "physics"
+    assert found.objection == "tests" and found.character == "physics"
     (pair,) = found.coincidences
     assert pair.readings == (("a", 9), ("c", 9)) and pair.log_bias < -0.2
     assert pair.lower == pair.upper == pytest.approx(e.group("a").frequency_hz[9])
@@ -96,13 +96,13 @@ def test_tails_that_were_needed_to_pass_are_reported(sound):
     e = experiment(spoil=off, n=36)
     one = fit(problem(e), (), seed=1, draws=512, most=8)
     found = examine(one, FEW, seed=1, n_simulated=199)
-    assert one.noise[0, 2] < 10 and not found.wrong and not found.coincidences
+    assert one.noise[0, 2] < 10 and found.objection != "tests" and not found.coincidences
     assert found.usual_tails < ALPHA and not found.sound
 
 
 def test_a_fit_is_sound_only_where_nothing_is_wrong(sound):
     good = replace(examine(sound, FEW, seed=1, n_simulated=99), coincidences=())
-    assert not good.wrong and good.sound
+    assert good.objection != "tests" and good.sound
     pair = Coincidence("frequency", (("a", 1), ("c", 1)), 200.0, 200.0, 0.2, 3.0, 0.01)
     for change in ({"p_value": ALPHA / 2}, {"coincidences": (pair,)}, {"usual_tails": ALPHA / 2}):
         assert not replace(good, **change).sound
@@ -146,7 +146,7 @@ def test_a_few_readings_do_not_clear_the_rest():
     groups = (e.groups[0], *short)
     few = replace(e, groups=groups, fingerprint=fingerprint(RIG, groups))
     found = examine(fit(problem(few), (), seed=1, draws=512, most=8), FEW, seed=1, n_simulated=199)
-    assert found.wrong and found.character == "physics"
+    assert found.objection == "tests" and found.character == "physics"
 
 
 def test_sessions_that_disagree_are_seen():
@@ -156,7 +156,7 @@ def test_sessions_that_disagree_are_seen():
     groups = (e.groups[0], twin)
     e = replace(e, groups=groups, fingerprint=fingerprint(RIG, groups))
     found = examine(fit(problem(e), (), seed=1, draws=512, most=8), FEW, seed=1, n_simulated=99)
-    assert found.wrong
+    assert found.objection == "tests"
     assert any(s.significant and s.name == "one condition in two sessions" for s in found.statistics)
 
 
@@ -174,7 +174,7 @@ def test_replicates_are_pure_error(jitter, wrong):
     e = replace(few, groups=tuple(groups), fingerprint=fingerprint(RIG, groups))
     found = examine(fit(problem(e), (), seed=1, draws=256, most=6), FEW, seed=1, n_simulated=199)
     pure = next(s for s in found.statistics if s.name == "conditions against their replicates")
-    assert (pure.significant, found.wrong) == (wrong, wrong)
+    assert (pure.significant, found.objection == "tests") == (wrong, wrong)
     if wrong:
         assert found.character == "physics"
         assert found.statistics[0] == pure
@@ -199,7 +199,7 @@ def test_readings_that_scatter_less_than_any_instrument_accuse_nothing():
         for readings in (true, true.round(2), true * (1 + 3e-4 * rng.standard_normal(true.size))):
             one = problem(e.with_readings(readings))
             found = examine(fit(one, (), seed=1, draws=512, most=8), (), seed=1, n_simulated=99)
-            assert found.wrong == bool(ids) and (ids or found.p_value == 1.0)
+            assert (found.objection == "tests") == bool(ids) and (ids or found.p_value == 1.0)
     # A thousandth is a scatter like another.
     one = problem(e.with_readings(true * (1 + 3e-3 * rng.standard_normal(true.size))))
     assert examine(fit(replace(one, terms=terms(ids)), (), seed=1), (), seed=1).p_value < 1.0
@@ -228,5 +228,5 @@ def test_a_scatter_that_is_absolute_alone_is_tested():
 def test_what_meets_every_reading_is_not_tested():
     for e in (few([80.0]), few([80.0, 60.0, 40.0])):
         found = examine(fit(problem(e), (), seed=1, draws=64, most=4), FEW, seed=1, n_simulated=99)
-        assert found.p_value == 1 and not found.wrong and not any(s.significant for s in found.statistics)
+        assert found.p_value == 1 and found.objection != "tests" and not any(s.significant for s in found.statistics)
         assert found.n_simulated == 0

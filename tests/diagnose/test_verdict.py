@@ -25,8 +25,8 @@ def test_verdicts(hidden, sound):
     more = fit(problem(experiment(["amplifier_lag"], [4e-5], n=60)), (), seed=1, draws=2048, most=24)
     before = examine(more, FEW, seed=1, n_simulated=199)
     after = examine(hidden.best_model, FEW, seed=1, n_simulated=199)
-    assert before.wrong
-    assert not after.wrong
+    assert before.objection == "tests"
+    assert after.objection != "tests"
     left = discrepancy(hidden.best_model)
     bare = discrepancy(hidden.baseline)
     found = conclude(hidden, before, after, left, bare)

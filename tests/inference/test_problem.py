@@ -50,10 +50,10 @@ def test_the_usual_uncertainty_is_one_that_most_readings_state(
     """Of groups with 30, 20 and 12 readings."""
     sigma = {1: 0.5, 2: 0.2, 3: 0.9}
     groups = (replace(g, sigma=np.full(g.n_points, sigma[int(g.id)]) if g.id in stated else None) for g in known.groups)
-    assert Problem(replace(known, groups=tuple(groups)), (1, 2, 3)).usual_sigma == usual
+    assert Problem(replace(known, groups=tuple(groups)), (1, 2, 3)).sigma_to_come(0) == usual
     half = replace(known.groups[0], sigma=np.full(30, 0.2))
     twin = replace(known.groups[0], id=4)
-    assert Problem(replace(known, groups=(half, twin)), (1, 4)).usual_sigma is None
+    assert Problem(replace(known, groups=(half, twin)), (1, 4)).sigma_to_come(0) is None
 
 
 def test_what_is_known_of_a_rig_takes_the_place_of_usual_priors(known: Experiment) -> None:
