@@ -1,18 +1,7 @@
-r"""From the model set, the tests and the discrepancy to a verdict.
+"""From the model set, the tests and the discrepancy to a verdict, as "Verdicts" in docs/diagnosis.md defines them.
 
-* ``adequate``: the tests find nothing, without heavy tails (`psafit.diagnose.misfit.Misfit.sound`), and the baseline
-  keeps at least 5 % of what the catalogue's sets have together, or leads where what is believed anyway is no find.
-* ``explained``: one set of causes has 95 % of what the catalogue's sets have together, its fit is as sound as that of
-  an adequate baseline must be and breaks no law that holds whatever the causes are (`psafit.inference.laws`), and none
-  of its values is implausible, the scatter's aside. That no other set does as well is said only where those that were
-  not sampled have less than a hundredth of the probability together.
-* ``ambiguous``: several sets together have 95 % of it, or sets of no more causes fit as well. Where the best of them
-  breaks a law or has implausible values, the verdict carries that reason: it is no explanation.
-* ``unexplained``: after the best extension structure remains, a discrepancy is more probable than any cause, or the
-  only set that fits breaks a law or has implausible values.
-
-Probabilities are those of `psafit.model_search.model_set`: a set stands for its supersets where
-these add nothing visible.
+Probabilities are those of `psafit.model_search.model_set`: a set stands for its supersets where these add nothing
+visible.
 """
 
 from __future__ import annotations

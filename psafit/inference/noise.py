@@ -1,29 +1,19 @@
 r"""How a reading scatters about the truth.
 
-No error is published with the study's ranges, so the scatter is inferred with the physics. A reading `y` of a true
-range `L` is
+A reading `y` of a true range `L` is
 
 .. math:: y = L + s\,t_\nu, \qquad s^2 = \sigma_{abs}^2 + (\sigma_{rel} L)^2 + \sigma_i^2,
 
-with Student's :math:`t_\nu`, which gives an outlier a bounded pull and tends to the normal law for large
-:math:`\nu`; :math:`\sigma_i` is the reading's own uncertainty, where the file has one.
-
-An instrument shows no range below zero, and a launch that failed reads zero. A reading of exactly zero therefore says
-that `y` was zero at most: its likelihood is the probability :math:`F_\nu(-L/s)` of that, no density (Tobin's censored
-reading). Rows of zeros would otherwise be taken for readings that repeat to the last digit. A sample of a trace has
-either sign, and zero is one of its values.
-
-Along a trace errors are correlated: drift, filters and ringing outlast a sample. With :math:`r = (y - L)/s` each sample
-of a trace remembers the one before it,
+with Student's :math:`t_\nu`; :math:`\sigma_i` is the reading's own uncertainty, where the file has one. A reading of
+exactly zero has the probability :math:`F_\nu(-L/s)` that `y` was zero at most, no density: rows of zeros would
+otherwise be taken for readings that repeat to the last digit. (A sample of a trace has either sign, and zero is one of
+its values.) With :math:`r = (y - L)/s` each sample of a trace remembers the one before it,
 
 .. math::
     r_i = \rho_i r_{i-1} + \sqrt{1 - \rho_i^2}\, t_\nu, \qquad \rho_i = e^{-(t_i - t_{i-1})/\tau},
 
-which is the Ornstein-Uhlenbeck process at any sample times, exactly, where :math:`\nu` is large. It is Markov: the
-density of a trace is a product over its samples, no matrix is inverted, and each sample has an innovation
-:math:`z_i = (r_i - \rho_i r_{i-1})/\sqrt{1 - \rho_i^2}` that is independent of all others. The innovations are what is
-tested. White noise added to it would cost that, and is the case of a small :math:`\tau`. The first sample of a trace,
-and every reading that is none, has :math:`\rho = 0`.
+so that its innovation :math:`z_i = (r_i - \rho_i r_{i-1})/\sqrt{1 - \rho_i^2}` is independent of all others. The
+first sample of a trace, and every reading that is none, has :math:`\rho = 0`. docs/statistics.md says why it is so.
 """
 
 from __future__ import annotations
