@@ -216,11 +216,6 @@ class Candidate:
         known = [dict(zip(self.problem.names, self.problem.to_physical(u), strict=True)) for u in self.modes[:n_modes]]
         return np.array([joined_values(problem, values) for values in known])
 
-    def widened(self, problem: Problem, n_modes: int = 1, *, seed: int = 0) -> list[FloatArray]:
-        """Starts for a model with more causes from the best modes; see `psafit.inference.scan.widened`."""
-        new = [t for t in problem.terms if t.id not in self.ids]
-        return [widened(problem, u, new, seed=seed) for u in self.placed(problem, n_modes)]
-
 
 def subsampled(problem: Problem, settings: FitSettings) -> Problem:
     """A problem roughly simulated, and of many readings with some of them only."""
@@ -272,7 +267,10 @@ def fit(
         end = maximise(problem, tried.u, still_below=s.enough, unite=True, counts=tried.starts)
         effort = tried.effort + Effort(n_sets=n_drawn + end.effort.n_sets)
         return candidate_of(problem, replace(end, effort=effort))
-    rows = [r for c in nested for r in c.widened(trial, s.taken if c.ids == problem.ids else 1, seed=seed)]
+    rows: list[FloatArray] = []
+    for c in nested:
+        new = [t for t in problem.terms if t.id not in c.ids]
+        rows += [widened(trial, u, new, seed=seed) for u in c.placed(trial, s.taken if c.ids == problem.ids else 1)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
         rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]
@@ -373,7 +371,7 @@ def across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
         here, log_posterior = end.predicted[end.best], float(end.log_posterior[end.best])
         rows = _steps_away(problem, end.u[end.best], here)
         found = problem.predict(rows)
-        value = log_posteriors(problem, rows, found, np.broadcast_to(problem.observed, found.shape))
+        value = log_posteriors(problem, rows, found, problem.observed)
         # One row of each step, the highest first; none of that on which the optimisations have ended.
         steps = {here.tobytes(): -1}
         for k in np.argsort(-value, kind="stable"):
