@@ -29,6 +29,7 @@ from psafit.inference.identify import describe
 from psafit.inference.run import fit
 from psafit.inference.run_folder import Run
 from psafit.inference.samplers import USUAL
+from psafit.model_search.model_set import key_of
 from psafit.observables import LAUNCH_RANGE
 from psafit.physics import terms as catalogue
 from psafit.prior_check import read
@@ -370,10 +371,7 @@ class Diagnosed(_Shown):
         Gain and evidence are over the baseline, in nats. A discrepancy without a name that has a share of the
         probability is the last.
         """
-        rows = [
-            [" + ".join(c.terms) or "baseline", c.probability, c.evidence.gain, c.evidence.over_baseline]
-            for c in self.record.causes
-        ]
+        rows = [[key_of(c.terms), c.probability, c.evidence.gain, c.evidence.over_baseline] for c in self.record.causes]
         if self.record.reports_unnamed:
             rows.append(["a discrepancy without a name", self.record.unnamed, math.nan, math.nan])
         return pd.DataFrame(rows, columns=["model", "probability", "gain", "evidence"]).set_index("model")
@@ -427,7 +425,7 @@ class Diagnosed(_Shown):
         named = f" ({' + '.join(self.named)})" if self.named else ""
         tables = [self.causes]
         if any(set(c.terms) == set(self.named) for c in self.record.causes):
-            name, column = " + ".join(self.named) or "baseline", "what the readings say"
+            name, column = key_of(self.named), "what the readings say"
             rows = list(_sizes(self._model(self.named)))
             tables.append(
                 pd.DataFrame(rows, columns=[f"parameter of {name}", column]).set_index(f"parameter of {name}")

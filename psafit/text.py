@@ -7,6 +7,7 @@ Python's own formats round the binary numbers next to it, to 0.93 and 92.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from decimal import ROUND_HALF_UP, Context, Decimal
 
 # Exact for every float there is: the largest has 309 digits before the point.
@@ -95,6 +96,11 @@ def p_text(p: float, floor: float) -> str:
     ('= 0.013', '<= 0.005')
     """
     return f"{'<=' if p <= floor else '='} {significant(p, 2)}"
+
+
+def set_name(ids: Iterable[str], none: str = "the baseline") -> str:
+    """The name of a set of causes: ``gap + preload``, or what an empty set is called."""
+    return " + ".join(ids) or none
 
 
 def count(n: int, noun: str) -> str:

@@ -22,7 +22,7 @@ from psafit.challenge.campaign import PRIOR, SEEN_NATS, Result
 from psafit.diagnose.trials import stands
 from psafit.drives import WAVEFORMS, Drive
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
-from psafit.text import fixed
+from psafit.text import fixed, set_name
 
 Ids = frozenset[str]
 
@@ -348,7 +348,7 @@ def _within(where: dict[str, Any], place: Place, share: float) -> bool:
 
 
 def _label(ids: Iterable[str]) -> str:
-    return " + ".join(sorted(ids)) or "nothing"
+    return set_name(sorted(ids), "nothing")
 
 
 def _row(result: Result) -> Row:

@@ -30,7 +30,7 @@ from psafit.cli.common import (
     warn,
     write_result,
 )
-from psafit.text import fixed
+from psafit.text import fixed, set_name
 
 if TYPE_CHECKING:
     from psafit.diagnose.record import Diagnosis
@@ -183,7 +183,7 @@ def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: in
     listed = [c for c in result.causes if c.terms in ([], result.named) or c.probability >= least]
     for cause in listed[:most]:
         gain = f"log likelihood {fixed(cause.evidence.gain, 1, sign=True)} nats over the baseline's"
-        head = f"{' + '.join(cause.terms)}, {gain}" if cause.terms else "no cause"
+        head = f"{set_name(cause.terms)}, {gain}" if cause.terms else "no cause"
         reported = cause.terms == result.named or cause.terms in result.alternatives
         sizes = _sizes(cause, whole=cause.terms == result.named) if reported else ()
         rows.append((cause.evidence.share if given_named else cause.probability, [head, *sizes]))

@@ -25,6 +25,7 @@ from psafit.cli.common import (
     write_result,
 )
 from psafit.errors import LARGEST_SEED, InputError
+from psafit.text import set_name
 
 if TYPE_CHECKING:
     from psafit.arrays import FloatArray
@@ -341,7 +342,7 @@ def _apart(sets: Sequence[Sequence[Term]]) -> list[str]:
     """What distinguishes sets of causes, in words."""
     shared = set(sets[0]).intersection(*sets[1:])
     plain = "these alone" if shared else "the baseline"
-    return [" + ".join(t.id for t in terms if t not in shared) or plain for terms in sets]
+    return [set_name((t.id for t in terms if t not in shared), plain) for terms in sets]
 
 
 def of_sessions(

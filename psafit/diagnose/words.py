@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from psafit.experiment import GroupId
-from psafit.text import fixed, percent, significant
+from psafit.text import fixed, percent, set_name, significant
 
 NO_ACTION: Final = "does not act on what was read"
 """What is said of a cause that changes launch ranges alone, where no launch range was read."""
@@ -21,7 +21,7 @@ class Words:
 
     def causes(self, ids: Sequence[str]) -> str:
         """Return a set of causes."""
-        return " + ".join(ids) or "the baseline"
+        return set_name(ids)
 
     def cause(self, id: str) -> str:
         """Return one cause."""

@@ -11,10 +11,11 @@ from psafit.inference.candidate import Candidate
 from psafit.inference.memory import Memory
 from psafit.inference.problem import Problem
 from psafit.model_search.fitter import Fitted, ProblemFitter
-from psafit.model_search.loop import Ids, Model, Searched, named, search
+from psafit.model_search.loop import Ids, Model, Searched, search
 from psafit.model_search.model_set import ModelSet, beliefs, log_prior, rank
 from psafit.model_search.settings import SearchSettings
 from psafit.physics.term import Term
+from psafit.text import set_name
 from psafit.workers import processes
 
 __all__ = ["Ids", "ModelSet", "SearchSettings", "search_models"]
@@ -76,7 +77,7 @@ def search_models(
             progress(f"{so_far}; {what}" if so_far else what, done, total)
 
         def tested(model: Model[Fitted]) -> bool:
-            doing(f"tests of {named(model.ids)}")
+            doing(f"tests of {set_name(model.ids)}")
             return passes(model.content.candidate)
 
         fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts, doing)

@@ -21,10 +21,11 @@ from psafit.inference.optimise import joined_values
 from psafit.inference.problem import Problem
 from psafit.inference.sample import SampleSettings, first, joined, second
 from psafit.inference.scan import widened
-from psafit.model_search.loop import Foreseen, Ids, Model, named, reduced
+from psafit.model_search.loop import Foreseen, Ids, Model, reduced
 from psafit.model_search.settings import SearchSettings
 from psafit.model_search.visibility import Effects, effects, may_hide
 from psafit.physics.term import Term
+from psafit.text import set_name
 from psafit.workers import unordered
 
 
@@ -108,7 +109,7 @@ class ProblemFitter:
         problem, ahead = looks[0].problem, foreseen or _NOTHING
         # The look from the prior alone takes longest.
         other, one = (_candidate(problem, a) for a in self._done(looks[::-1], _looking(model), self._ahead(ahead)))
-        drawing = f"samples of {named(model.ids)}"
+        drawing = f"samples of {set_name(model.ids)}"
         (kept,) = self._done([self._joined(model, one, other)], drawing, self._ahead(ahead))
         modes = kept["modes"]
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name != "modes"}
@@ -262,7 +263,7 @@ _NOTHING: Foreseen[Fitted] = Foreseen((), (), {})
 
 
 def _looking(model: Known) -> str:
-    return f"looks for the modes of {named(model.ids)}"
+    return f"looks for the modes of {set_name(model.ids)}"
 
 
 # Looks for the modes of a model, by the names of their results.

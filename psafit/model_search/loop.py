@@ -19,7 +19,7 @@ from typing import Generic, Protocol, TypeVar
 
 from psafit.errors import ConvergenceError
 from psafit.model_search.settings import SearchSettings
-from psafit.text import count
+from psafit.text import count, set_name
 
 Ids = tuple[str, ...]
 # Kinds of neighbours: those no larger, and those larger.
@@ -118,11 +118,6 @@ class Searched(Generic[Content]):
     models: Mapping[Ids, Model[Content]]
     expanded: frozenset[Ids]
     whole: bool
-
-
-def named(ids: Ids) -> str:
-    """Return the name of a model."""
-    return " + ".join(ids) or "the baseline"
 
 
 def reduced(ids: Ids) -> list[Ids]:
@@ -386,7 +381,7 @@ def search(
         near = [m for m in shown if known.comes_near(m, highest)]
         left = [m for m in near if not m.sampled or not known.complete(m, highest)]
         compared = "likely models compared with their neighbours; " if len(near) > 1 else ""
-        so_far = f"{compared}{named(best_model.ids)} leads; {count(len(models), 'model')} fitted in this search"
+        so_far = f"{compared}{set_name(best_model.ids)} leads; {count(len(models), 'model')} fitted in this search"
         progress(so_far, len(near) - len(left), len(near))
         sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
         whole = known.complete(best_model, highest)

@@ -29,6 +29,7 @@ from psafit.model_search.loop import Ids, Searched
 from psafit.model_search.settings import SearchSettings
 from psafit.model_search.visibility import Effective, Effects, shown
 from psafit.physics.term import Term
+from psafit.text import set_name
 
 CREDIBLE = 0.95
 """Probability of the reported set."""
@@ -38,7 +39,7 @@ NEGLIGIBLE = 0.01
 
 def key_of(ids: Sequence[str]) -> str:
     """Return a set of causes as the key of a file names it."""
-    return " + ".join(ids) or "baseline"
+    return set_name(ids, "baseline")
 
 
 def set_of(key: str) -> list[str]:

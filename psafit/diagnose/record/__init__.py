@@ -18,6 +18,7 @@ from psafit.experiment import GroupId
 from psafit.files import sha256
 from psafit.model_search.model_set import LookedAt
 from psafit.records import ABSENT, Brief, Broken, Numerics
+from psafit.text import set_name
 
 RESULT, PAGE, PREDICTIONS = "diagnosis.json", "diagnosis.html", "predictions-diagnosis.csv"
 
@@ -206,7 +207,7 @@ class Diagnosis(Brief):
 
     def _marked(self, ids: list[str]) -> str:
         """A set by its causes, marked where it is no explanation whatever its probability."""
-        text = " + ".join(ids) or "nothing"
+        text = set_name(ids, "nothing")
         if any({*law.terms} == {*ids} for law in self.laws):
             return f"{text} (breaks a law)"
         return f"{text} (at implausible values)" if ids == self.named and self.unexplained_by == "values" else text
