@@ -149,9 +149,10 @@ def slopes(
     found = problem.predict(moved.reshape(n * k, -1)).reshape(n, k, -1)
     slope = (found - predicted[:, None, :]) / step[:, :, None]
     # A contact that ends a half wave later makes a range jump. Optima lie at the edges of such jumps, and a difference
-    # across one is no slope: the other side's is.
+    # across one is no slope: the other side's is. Nor is one into where nothing can be simulated.
     scatter = noise.scale(predicted, problem.noise_values(u), problem.known_sigma)
-    row, column = np.nonzero((np.abs(found - predicted[:, None, :]) > jump * scatter[:, None, :]).any(axis=2))
+    smooth = np.abs(found - predicted[:, None, :]) <= jump * scatter[:, None, :]
+    row, column = np.nonzero(~smooth.all(axis=2))
     inside = u[row, column] - step[row, column] > problem.bounds[column, 0]
     row, column = row[inside], column[inside]
     if row.size:
@@ -159,8 +160,8 @@ def slopes(
         other[np.arange(row.size), column] -= step[row, column]
         behind = (predicted[row] - problem.predict(other)) / step[row, column, None]
         ahead = slope[row, column]
-        slope[row, column] = np.where(np.abs(behind) < np.abs(ahead), behind, ahead)
-    return slope
+        slope[row, column] = np.where((np.abs(behind) < np.abs(ahead)) | ~np.isfinite(ahead), behind, ahead)
+    return np.where(np.isfinite(slope) | ~np.isfinite(predicted)[:, None, :], slope, 0.0)
 
 
 def expansion(

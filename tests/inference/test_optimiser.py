@@ -60,6 +60,27 @@ def test_a_jump_is_no_slope(edge, side):
     assert slopes(one, u, one.predict(u))[0] == pytest.approx(np.array([[2.0, 0.0], [0.0, 3.0]]), abs=1e-9)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_where_nothing_can_be_simulated_is_no_slope(side):
+    """The other side's is; where both fail, none is known and the other parameters keep theirs."""
+
+    class Failing(Jumping):
+        def predict(self, u):
+            return np.where(
+                self.side * (u[:, :1] - self.edge) > 0, np.nan, np.stack([10 + 2 * u[:, 0], 10 + 3 * u[:, 1]], 1)
+            )
+
+    one, u = Failing(4e-4 * side, side), np.zeros((1, 2))
+    assert slopes(one, u, one.predict(u))[0] == pytest.approx(np.array([[2.0, 0.0], [0.0, 3.0]]), abs=1e-9)
+
+    class Alone(Jumping):
+        def predict(self, u):
+            return np.where(np.abs(u[:, :1]) > 1e-6, np.nan, super().predict(u))
+
+    one = Alone(1.0, 1)
+    assert slopes(one, u, one.predict(u))[0] == pytest.approx(np.array([[0.0, 0.0], [0.0, 3.0]]), abs=1e-9)
+
+
 def test_starts_near_what_is_known_keep_causes_together(problem):
     one = replace(problem, terms=terms(["hysteresis", "reading_gain"]))
     assert one.blocks.tolist() == [0, 1, 2, 3, 3, 4, 4, 5, 6, 7]
