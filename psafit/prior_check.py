@@ -64,13 +64,12 @@ class ScaleSettings:
     factor: float = 30.0
 
 
-def with_scale(experiment: Experiment, settings: ScaleSettings | None = None) -> Experiment:
+def with_scale(experiment: Experiment) -> Experiment:
     """The experiment, its warnings extended by what its readings' scale says of their unit.
 
     Parameters
     ----------
     experiment : Experiment
-    settings : ScaleSettings, optional
 
     Returns
     -------
@@ -81,7 +80,7 @@ def with_scale(experiment: Experiment, settings: ScaleSettings | None = None) ->
     for observable in OBSERVABLES:
         parts = (p for g in groups for p in g.parts if p.observable is observable)
         if moving := tuple(filter(None, map(_moving, parts))):
-            found += _off_scale(experiment, moving, observable, settings or ScaleSettings())
+            found += _off_scale(experiment, moving, observable)
     return replace(experiment, warnings=(*experiment.warnings, *map(one_line, found))) if found else experiment
 
 
@@ -92,10 +91,9 @@ def _is_explained(experiment: Experiment, group: Group) -> bool:
     return bool(facts or suspicious_constants(constants) or suspicious_conditions(group))
 
 
-def _off_scale(
-    experiment: Experiment, moving: tuple[Group, ...], observable: Observable, settings: ScaleSettings
-) -> list[str]:
+def _off_scale(experiment: Experiment, moving: tuple[Group, ...], observable: Observable) -> list[str]:
     """What is suspicious of the readings of one observable; see the module."""
+    settings = ScaleSettings()
     nearly_all, far = settings.nearly_all, math.log(settings.factor)
     read = observable.titles
     every = -(-sum(g.n_points for g in moving) // settings.readings)
@@ -110,7 +108,7 @@ def _off_scale(
     if any(still):
         driven = tuple(g for g, rests in zip(moving, still, strict=True) if not rests)
         found = [_undriven(g, nearly_all) for g, rests in zip(moving, still, strict=True) if rests]
-        return found + (_off_scale(experiment, driven, observable, settings) if driven else [])
+        return found + (_off_scale(experiment, driven, observable) if driven else [])
     ratio = np.log(np.abs(np.concatenate([g.reading for g in groups]))) - np.log(np.maximum(predicted, 1e-12))
     of_group = np.array([np.median(ratio[:, mine], axis=1) for mine in rows])
     middle = of_group[::-1] if len(moving) == 2 else np.broadcast_to(np.median(of_group, axis=0), of_group.shape)

@@ -186,9 +186,7 @@ def _best_scatter(problem: Problem, observable: Observable, rows: Rows, true: Fl
     return likelihood(np.asarray(found.x))
 
 
-def find_rivals(
-    experiment: Experiment, answer: Answer, among: Sequence[Term] = TERMS, settings: RivalSettings | None = None
-) -> list[str]:
+def find_rivals(experiment: Experiment, answer: Answer, among: Sequence[Term] = TERMS) -> list[str]:
     """Causes that imitate the truth on this design to within `RivalSettings.confusable`.
 
     Each is fitted, with the baseline, to the true readings without scatter, by least squares in standard deviations of
@@ -200,14 +198,13 @@ def find_rivals(
     answer : Answer
         Of one cause.
     among : sequence of Term
-    settings : RivalSettings, optional
 
     Returns
     -------
     list of str
         Identifiers; the true cause is not among them.
     """
-    settings = settings or RivalSettings()
+    settings = RivalSettings()
     true = np.array(answer.true_readings)
     exact = experiment.with_readings(true)
     design = Design.of(exact.constants, exact.groups)

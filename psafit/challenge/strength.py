@@ -225,7 +225,6 @@ def find(
     design: Design,
     scatter: Scatter,
     nats: float,
-    settings: StrengthSettings | None = None,
 ) -> Strength:
     """Search for the strength at which an oracle gains `nats`.
 
@@ -242,14 +241,13 @@ def find(
     scatter : mapping
         As `psafit.challenge.answer.Answer.scatter` has it.
     nats : float
-    settings : StrengthSettings, optional
 
     Returns
     -------
     Strength
         The strongest the prior and the launches allow, if that is not enough.
     """
-    settings = settings or StrengthSettings()
+    settings = StrengthSettings()
     truth = np.array([float(p.to_sampling(x)) for p, x in zip(baseline.PARAMETERS, theta, strict=True)])
     refitted = _Baseline(design, scatter, truth, settings)
 

@@ -284,7 +284,6 @@ def observe(
     constants: Constants,
     drives: Sequence[Drive | str] = ("sine", "square"),
     volts: float = 20.0,
-    settings: SymptomSettings | None = None,
 ) -> ObservedSymptom:
     r"""Work out a cause's symptom, on every rig of `RIGS`.
 
@@ -301,7 +300,7 @@ def observe(
       sweeps, what all of them say, or "mixed". Sweeps in which the cause does nothing are not heard.
     - `waveforms`: the drives, as they are called, on which it does something, :math:`|e| > 10^{-8}`.
     """
-    how = settings or SymptomSettings()
+    how = SymptomSettings()
     sides: list[Side] = [1] if term.strength.neutral == term.strength.bounds.lower else [1, -1]
     heard: dict[str, set[Trend]] = {"frequency": set(), "amplitude": set()}
     signed: list[FloatArray] = []
