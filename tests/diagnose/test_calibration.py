@@ -138,5 +138,7 @@ def test_what_is_said_of_it(tmp_path) -> None:
     page = build(record, e, tmp_path)
     assert "How often is such a verdict right here?" in page.first_screen and "Calibration" in page.headings
     assert "gap at rest 3 1 2" in page.text
+    plain = build(make_record(e), e, tmp_path / "without")
+    assert ['href="#calibration"' in one.html for one in (page, plain)] == [True, False]
     write_json(tmp_path / RESULT, record, sealed=True)
     assert read_json(tmp_path / RESULT, Diagnosis, sealed=True).calibration == record.calibration
