@@ -11,12 +11,15 @@ from rigs import RIG
 from psafit.experiment import Experiment, Group, fingerprint, read_experiment
 from psafit.inference import noise
 from psafit.inference.problem import Problem
+from psafit.model_search import SearchSettings
 from psafit.physics import terms
 from psafit.simulate import MICRO, Design, simulate
 
 TRUTH = [1.5e6, 3e3, 60.0]
 # Causes with a closed form: cheap, and of different kinds.
 FEW = terms(["amplifier_lag", "stack_stiffness", "flight_friction", "reading_offset"])
+# A search that looks a few times: for tests of what is done with one, not of what it finds.
+CHEAP = SearchSettings(draws=64, starts=4, alone_draws=128, alone_starts=8, effective=60.0)
 
 
 def experiment(ids=(), values=(), *, seed=0, n=24, spoil=None, relative=0.04, groups=("a", "b", "c")) -> Experiment:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,11 @@ from typing import Any
 import pytest
 from campaigns import says
 from commands import call, run
+from truths import CHEAP
 
 from psafit.challenge import campaign, oracle
 from psafit.diagnose import diagnose
+from psafit.diagnose.settings import Settings
 from psafit.errors import InputError
 from psafit.experiment import Experiment
 from psafit.physics import terms
@@ -59,11 +62,11 @@ def test_bad_input_is_one_clear_line(tmp_path: Path, known_folder: Path, words: 
 def test_a_campaign_by_command(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     """Run, taken up again without a second diagnosis, scored, shown."""
     diagnosed: list[int] = []
-    few = terms(["start_phase", "reading_gain"])
+    few, little = terms(["start_phase", "reading_gain"]), replace(Settings.usual(quick=True), search=CHEAP)
 
     def among_few(experiment: Experiment, ids: Any, folder: Path, *, quick: bool, seed: int) -> None:
         diagnosed.append(seed)
-        diagnose(experiment, ids, folder, quick=quick, seed=seed, catalogue=few)
+        diagnose(experiment, ids, folder, quick=quick, seed=seed, catalogue=few, settings=little)
 
     monkeypatch.setattr(campaign, "LEVELS", {"strong": 100.0})
     monkeypatch.setattr(campaign, "run", partial(campaign.run, diagnose=among_few))

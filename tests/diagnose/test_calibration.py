@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from diagnoses_by_hand import build, make_experiment, make_record
-from truths import FEW, experiment, problem
+from truths import CHEAP, FEW, experiment, problem
 
 from psafit.diagnose import calibration, diagnose
 from psafit.diagnose.answer import answer
@@ -22,7 +23,7 @@ from psafit.model_search import search_models
 from psafit.records import read_json, write_json
 
 LAG = FEW[:1]
-LITTLE = Settings(simulated=29)
+LITTLE = Settings(simulated=29, search=CHEAP)
 
 
 def trial(
@@ -94,7 +95,7 @@ def test_data_sets_are_drawn_from_models_and_their_posteriors(hidden) -> None:
 
 
 def test_a_calibration_goes_on_where_it_stopped(tmp_path, monkeypatch) -> None:
-    model_set = search_models(problem(experiment(["amplifier_lag"], [4e-5], n=6)), LAG, seed=1)
+    model_set = search_models(problem(experiment(["amplifier_lag"], [4e-5], n=6)), LAG, seed=1, settings=CHEAP)
     memory, seen = Memory(tmp_path), []
 
     def run(n: int) -> list[Trial]:
@@ -111,9 +112,12 @@ def test_a_calibration_goes_on_where_it_stopped(tmp_path, monkeypatch) -> None:
 
 @pytest.mark.slow
 def test_a_calibrated_diagnosis_is_the_same_for_any_number_of_workers(tmp_path) -> None:
-    e = experiment(["amplifier_lag"], [4e-5], n=12)
+    e = experiment(["amplifier_lag"], [4e-5], n=8, groups=("a", "b"))
     asked = {"quick": True, "catalogue": FEW[:2], "settings": LITTLE, "calibrate": 2}
-    found = [diagnose(e, ["a"], tmp_path / str(jobs), jobs=jobs, **asked) for jobs in (1, 2)]
+    found = [diagnose(e, ["a"], tmp_path / "1", jobs=1, **asked)]
+    # The rest of a diagnosis by two workers is compared elsewhere: here they find it done.
+    shutil.copytree(tmp_path / "1", tmp_path / "2", ignore=shutil.ignore_patterns(RESULT, "calibration-*"))
+    found.append(diagnose(e, ["a"], tmp_path / "2", jobs=2, **asked))
     assert found[0].calibration == found[1].calibration
     assert found[0].calibration.exact.of == 2 and found[0].calibration.reported.n >= 1
     assert read_json(tmp_path / "1" / RESULT, Diagnosis, sealed=True) == found[0]

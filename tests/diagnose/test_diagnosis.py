@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from clusters import two_workers
 from rigs import RIG
-from truths import FEW, experiment, few, problem
+from truths import CHEAP, FEW, experiment, few, problem
 
 from psafit.diagnose import diagnose, diagnosis
 from psafit.diagnose.answer import sentences
@@ -30,6 +30,8 @@ from psafit.model_search import search_models
 from psafit.parameters import Belief, Normal
 from psafit.physics import TERMS
 
+LITTLE = replace(Effort.usual(quick=True), search=CHEAP)
+
 
 @pytest.mark.slow
 def test_no_protocol_sees_what_it_scores(tmp_path):
@@ -41,7 +43,7 @@ def test_no_protocol_sees_what_it_scores(tmp_path):
     for name, data in (("as read", e), ("changed", replace(e, groups=groups, fingerprint=fingerprint(RIG, groups)))):
         folder = tmp_path / name
         folder.mkdir()
-        work = diagnosis.Work(data, ("a",), folder, 1, FEW[:1], 1, Silent(), ())
+        work = diagnosis.Work(data, ("a",), folder, 1, FEW[:1], 1, Silent(), (), Effort(search=CHEAP))
         measured = work.gains_of(work.search(data.ids))
         for scored in measured.values():
             assert all(not set(entry.saw) & set(entry.scored_on) for entry in scored.ledger)
@@ -59,7 +61,7 @@ def test_no_protocol_sees_what_it_scores(tmp_path):
 def test_what_an_adequate_baseline_does_not_exclude_is_distinguished(tmp_path):
     """Else the parameter of which the readings say least is what to measure next."""
     # By the usual seed two readings at one frequency stand out together, at the tests' level: a false alarm.
-    found = diagnose(experiment(seed=2), ["a"], tmp_path, quick=True, catalogue=FEW)
+    found = diagnose(experiment(seed=2), ["a"], tmp_path, quick=True, catalogue=FEW, settings=LITTLE)
     assert found.verdict == "adequate" and found.next_experiment.proposals
     open_ = [c for c in found.causes if c.terms and c.probability >= 0.05]
     assert found.next_experiment.separates == bool(open_)
@@ -69,10 +71,11 @@ def test_what_an_adequate_baseline_does_not_exclude_is_distinguished(tmp_path):
 
 def test_the_order_in_which_groups_are_named_does_not_matter(tmp_path, monkeypatch):
     e = experiment(n=8)
-    first = diagnose(e, ["c", "a"], tmp_path, quick=True, catalogue=FEW[:1])
+    asked = {"quick": True, "catalogue": FEW[:1], "settings": LITTLE}
+    first = diagnose(e, ["c", "a"], tmp_path, **asked)
     assert first.training == ["a", "c"]
     monkeypatch.delattr(diagnosis.Work, "all")
-    assert diagnose(e, ["a", "c"], tmp_path, quick=True, catalogue=FEW[:1]).identity == first.identity
+    assert diagnose(e, ["a", "c"], tmp_path, **asked).identity == first.identity
 
 
 def test_a_diagnosis_that_makes_no_sense_is_refused(tmp_path):
@@ -102,7 +105,7 @@ def test_without_a_drive_nothing_is_proposed(tmp_path):
 )
 def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, tmp_path, monkeypatch):
     e = experiment(["amplifier_lag"], [4e-5], n=4 * len(groups), groups=groups)
-    effort = Effort(simulated=99, searches=searches, steps=steps)
+    effort = Effort(simulated=99, searches=searches, steps=steps, search=CHEAP)
     asked = {"seed": 1, "catalogue": causes, "settings": effort}
     result = diagnose(e, ["a"], tmp_path / "one", jobs=jobs, **asked)
     stored = json.loads((tmp_path / "one" / "diagnosis.json").read_text())
@@ -119,7 +122,7 @@ def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, 
     assert stored["misfit"]["search"]["stored"] == (not searches)
     assert set(stored["looked_at"]) == {"fitted", "estimated", "mass_not_looked_at", "neighbours"}
     if searches:
-        plain = search_models(Problem(e, e.ids), causes, seed=1)
+        plain = search_models(Problem(e, e.ids), causes, seed=1, settings=CHEAP)
         assert stored["misfit"]["search"]["lead"] == pytest.approx(lead(plain), abs=1e-9)
         assert stored["misfit"]["search"]["lead"] > max(stored["misfit"]["search"]["null"])
         assert stored["misfit"]["search"]["p_value"] == pytest.approx(1 / (1 + searches))
@@ -171,7 +174,8 @@ def test_only_the_causes_asked_for_are_looked_at(tmp_path):
     """
     short = Belief("amplifier_lag_tau", Normal(0.0, 3e-7), "data sheet", probability=0.95)
     data = replace(experiment(n=8), beliefs=(short,))
-    found = diagnose(data, ["a"], tmp_path, quick=True, catalogue=FEW[:2], settings=Effort(simulated=49))
+    asked = {"quick": True, "catalogue": FEW[:2], "settings": replace(LITTLE, simulated=49)}
+    found = diagnose(data, ["a"], tmp_path, **asked)
     assert any("amplifier_lag (95 %, by [prior])" in text for text in found.sentences)
     assert found.sentences == sentences(found, data.beliefs)
     assert [s.id for s in found.screening] and {s.id for s in found.screening} == {t.id for t in FEW[:2]}
@@ -180,14 +184,14 @@ def test_only_the_causes_asked_for_are_looked_at(tmp_path):
     assert found.sentences[0].startswith("Only ") and f"{len(TERMS) - 2} other causes" in found.sentences[0]
     whole = replace(found, left_out=[])
     assert not sentences(whole)[0].startswith("Only ") and "looked at" not in whole.headline
-    again = diagnose(data, ["a"], tmp_path, quick=True, catalogue=FEW[:2], settings=Effort(simulated=49))
+    again = diagnose(data, ["a"], tmp_path, **asked)
     assert again == found  # read back
 
 
 @pytest.mark.slow
 def test_diagnosis_of_one_group_with_the_whole_catalogue(tmp_path):
     e = experiment(groups=("only",))
-    result = diagnose(e, ["only"], tmp_path, seed=1, quick=True)
+    result = diagnose(e, ["only"], tmp_path, seed=1, quick=True, settings=LITTLE)
     assert result.verdict == "adequate"
     assert len(result.screening) == len(TERMS)
 
@@ -203,7 +207,7 @@ def test_another_rigs_diagnosis_is_not_replaced(tmp_path):
 @pytest.mark.slow
 def test_a_late_kill_does_not_draw_an_extension_on(tmp_path, monkeypatch):
     """A chain that did not converge is drawn on by the command after a finished one, not by one that resumes."""
-    asked = {"catalogue": FEW[:1], "settings": Effort(simulated=99, searches=0, steps=60)}
+    asked = {"catalogue": FEW[:1], "settings": Effort(simulated=99, steps=60, search=CHEAP)}
     e = experiment(["amplifier_lag"], [4e-5], n=12, groups=("a",))
 
     def interrupted(*words):
@@ -232,10 +236,11 @@ def test_a_diagnosis_lies_next_to_the_fit_of_the_same_readings(tmp_path):
     fitted = run_fit(e, ["a"], tmp_path, n_starts=4, settings=settings)
     with pytest.raises(InputError, match="already holds other files"):
         diagnose(experiment(n=8, seed=9), ["a"], tmp_path, quick=True, catalogue=FEW)
-    found = diagnose(e, ["a"], tmp_path, quick=True, catalogue=FEW)
+    asked = {"quick": True, "catalogue": FEW, "settings": LITTLE}
+    found = diagnose(e, ["a"], tmp_path, **asked)
     assert found.fingerprint == fitted.fit.fingerprint
     assert load(tmp_path).summary == fitted.summary
-    assert diagnose(e, ["a"], tmp_path, quick=True, catalogue=FEW) == found
+    assert diagnose(e, ["a"], tmp_path, **asked) == found
 
 
 def test_nothing_that_is_not_a_diagnosis_s_own_is_replaced(tmp_path):
@@ -266,7 +271,7 @@ def test_nothing_that_is_not_a_diagnosis_s_own_is_replaced(tmp_path):
 def test_a_cluster_diagnoses_as_one_process_does(tmp_path):
     """The search, those without a group, and those where nothing is hidden."""
     e = experiment(["amplifier_lag"], [4e-5], n=8, groups=("a", "b"))
-    asked = {"catalogue": FEW[:2], "settings": Effort(simulated=49, searches=1, steps=0)}
+    asked = {"catalogue": FEW[:2], "settings": Effort(simulated=49, searches=1, steps=0, search=CHEAP)}
     alone = diagnose(e, ["a"], tmp_path / "alone", jobs=1, **asked)
     with two_workers() as cluster:
         found = diagnose(e, ["a"], tmp_path / "cluster", scheduler=cluster.scheduler_address, **asked)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from diagnoses_by_hand import make_experiment, make_record
-from truths import FEW, bump, experiment, problem
+from truths import CHEAP, FEW, bump, experiment, problem
 
 from psafit.diagnose import diagnose
 from psafit.diagnose.answer import answer
@@ -120,7 +120,7 @@ def test_what_has_no_name_becomes_a_draft_that_explains_it(tmp_path) -> None:
         return bump("a", y) if name in "ac" else y
 
     e = experiment(spoil=resonance, seed=3)
-    asked = {"quick": True, "settings": Settings(simulated=99), "jobs": 1}
+    asked = {"quick": True, "settings": Settings(simulated=99, search=CHEAP), "jobs": 1}
     found = diagnose(e, ["a"], tmp_path / "without", catalogue=FEW[:2], **asked)
     assert found.verdict == "unexplained" and found.draft.axis == "frequency"
     assert found.draft.place == pytest.approx(e.group("a").frequency_hz[15], rel=0.1)

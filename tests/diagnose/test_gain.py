@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rigs import RIG
-from truths import FEW, experiment, problem
+from truths import CHEAP, FEW, experiment, problem
 
 from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.gain import over_groups, split, summarise
@@ -22,7 +22,7 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
     other = replace(e, groups=(e.groups[0], *(replace(g, reading=g.reading + 9) for g in e.groups[1:])))
     found = []
     for data in (e, other):
-        model_set = search_models(problem(data, ("a",)), FEW, seed=1)
+        model_set = search_models(problem(data, ("a",)), FEW[:2], seed=1, settings=CHEAP)
         found.append(split(model_set, ("b", "c"), 1))
     for one, two in zip(found[0].after, found[1].after, strict=True):
         assert one.median == pytest.approx(two.median)
@@ -40,7 +40,7 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
 
 def test_a_discrepancy_widens_and_moves_nothing(monkeypatch):
     """Where a group was not seen; half a unit of the logarithm makes a band about exp(0.8) wide to either side."""
-    model_set = search_models(problem(experiment(relative=0.01), ("a",)), FEW[:1], seed=1)
+    model_set = search_models(problem(experiment(relative=0.01), ("a",)), FEW[:1], seed=1, settings=CHEAP)
     found = []
     for size in (0.0, 0.5):
         monkeypatch.setattr(
@@ -61,9 +61,8 @@ def test_a_group_that_cannot_show_it_is_in_no_mean(tmp_path):
     still = replace(e.groups[1], amplitude_v=np.zeros(24), reading=np.full(24, 0.02))
     groups = (e.groups[0], still, e.groups[2])
     e = replace(e, groups=groups, fingerprint=fingerprint(RIG, groups))
-    result = summarise(
-        "strict", [split(search_models(problem(e, ("a",)), FEW[:1], seed=1), ("b", "c"), 1)], tmp_path, 1
-    )
+    model_set = search_models(problem(e, ("a",)), FEW[:1], seed=1, settings=CHEAP)
+    result = summarise("strict", [split(model_set, ("b", "c"), 1)], tmp_path, 1)
     b, c = result.groups
     assert (b.silent, c.silent) == ("nothing drives it", "")
     assert (result.log_rmse_before, result.log_rmse_after) == (c.log_rmse_before, c.log_rmse_after)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from truths import FEW, experiment, narrow, problem
+from truths import CHEAP, FEW, experiment, narrow, problem
 
 from psafit.diagnose.answer.findings import Furthest
 from psafit.diagnose.discrepancy import discrepancy
@@ -90,7 +90,7 @@ def test_values_that_nobody_expects_are_flagged():
     for beliefs, flagged in (((), []), ((reported,), ["amplifier_lag_tau"])):
         one = problem(replace(e, beliefs=beliefs))
         lag = replace(one, terms=terms(["amplifier_lag"])).terms
-        model_set = search_models(one, lag, seed=1)
+        model_set = search_models(one, lag, seed=1, settings=CHEAP)
         cause = cause_result(model_set, verdict, model_set.of(("amplifier_lag",)))
         assert cause.implausible == flagged
     widths = cause.evidence.prior_width
@@ -103,7 +103,7 @@ def test_values_that_nobody_expects_are_flagged():
 def test_the_readings_furthest_from_what_is_adopted_are_always_reported():
     """And that heavy tails take them up, where they do."""
     e = experiment(spoil=narrow)
-    model_set = search_models(problem(e), FEW, seed=1)
+    model_set = search_models(problem(e), FEW, seed=1, settings=CHEAP)
     before = examine(model_set.baseline, FEW, seed=1, n_simulated=99)
     misfit = misfit_of(before, None, discrepancy(model_set.baseline), model_set.baseline, model_set.best_model)
     hz = e.group("a").frequency_hz[9]

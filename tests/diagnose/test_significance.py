@@ -6,7 +6,7 @@ import json
 from dataclasses import replace
 
 import pytest
-from truths import FEW
+from truths import CHEAP, FEW
 
 from psafit.diagnose.significance import NULL_LEADS, NullLead, NullLeads, lead, looked_up, significance
 from psafit.inference.memory import Memory
@@ -17,13 +17,13 @@ from psafit.records import plain, read_json, write_json
 
 @pytest.mark.slow
 def test_the_search_finds_less_where_nothing_is_hidden(hidden, tmp_path):
-    memory = Memory(tmp_path)
-    found = significance(hidden, FEW, 3, seed=1, memory=memory)
+    asked = {"seed": 1, "memory": Memory(tmp_path), "settings": CHEAP}
+    found = significance(hidden, FEW, 2, **asked)
     assert found.lead == lead(hidden) > 3 > max(found.null)
-    assert found.p_value == 0.25
-    assert found == significance(hidden, FEW, 3, seed=1, memory=memory)
+    assert found.p_value == pytest.approx(1 / 3) and len(set(found.null)) == 2
+    assert found == significance(hidden, FEW, 2, **asked)
     strong = replace(hidden, log_evidence={ids: (1e3 if ids == () else e) for ids, e in hidden.log_evidence.items()})
-    assert significance(strong, FEW, 3, seed=1, memory=memory).p_value == 1.0
+    assert significance(strong, FEW, 2, **asked).p_value == 1.0
     assert found.readings == [72, 72] and not found.stored
 
 

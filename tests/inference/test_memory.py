@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from truths import FEW, experiment, problem
+from truths import CHEAP, FEW, experiment, problem
 
 from psafit.errors import InputError
 from psafit.inference.memory import Memory, lent
@@ -51,8 +51,8 @@ def test_what_is_kept_belongs_to_the_priors_it_was_found_with(tmp_path):
     (wide,) = informed((Belief("amplifier_lag_tau", Normal(0.0, 4e-4), "seen"),), FEW[:1])[1]
     found = {}
     for term in (FEW[0], wide):
-        found[term] = search_models(one, (term,), seed=1, memory=memory)
-        fresh = search_models(one, (term,), seed=1)
+        found[term] = search_models(one, (term,), seed=1, settings=CHEAP, memory=memory)
+        fresh = search_models(one, (term,), seed=1, settings=CHEAP)
         assert found[term].log_evidence == fresh.log_evidence
     assert found[FEW[0]].log_evidence != found[wide].log_evidence
 

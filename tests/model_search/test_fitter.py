@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from clusters import two_workers
 from joblib.externals.loky import get_reusable_executor
-from truths import FEW, experiment, problem
+from truths import CHEAP, FEW, experiment, problem
 
 from psafit.errors import ConvergenceError, InputError
 from psafit.inference.candidate import candidate_at
@@ -28,16 +28,17 @@ from psafit.model_search.loop import Foreseen, Model
 
 PAIR = ("amplifier_lag", "flight_friction")
 SETTINGS = SearchSettings(most_causes=2)
+LITTLE: Any = {"catalogue": FEW[:3], "seed": 1, "settings": CHEAP}
 
 
 @pytest.fixture(scope="module")
 def alone() -> ModelSet:
     """What one process finds in a few readings."""
-    return search_models(few_readings(), FEW, seed=1)
+    return search_models(few_readings(), **LITTLE)
 
 
 def few_readings() -> Problem:
-    return problem(experiment(["amplifier_lag"], [4e-5], n=12))
+    return problem(experiment(["amplifier_lag"], [4e-5], n=8))
 
 
 def test_a_short_fit_comes_near_the_evidence(hidden: ModelSet) -> None:
@@ -98,12 +99,13 @@ def test_an_exchange_is_fitted_from_the_two_models_that_know_its_parts(hidden: M
 def test_what_was_fitted_is_kept(hidden: ModelSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = hidden.baseline.problem
     news: list[str] = []
-    first = search_models(one, FEW[:1], seed=1, memory=Memory(tmp_path), progress=lambda what, *_: news.append(what))
+    asked: Any = {"seed": 1, "settings": CHEAP}
+    first = search_models(one, FEW[:1], **asked, memory=Memory(tmp_path), progress=lambda what, *_: news.append(what))
     assert all(any(work in what for what in news) for work in ("1 of 1 short fits", "samples of the baseline"))
     with monkeypatch.context() as patch:
         patch.delattr(fitting, "fit")
         patch.delattr(fitting, "joined")
-        again = search_models(one, FEW[:1], seed=1, memory=Memory(tmp_path))
+        again = search_models(one, FEW[:1], **asked, memory=Memory(tmp_path))
     assert again.log_evidence == first.log_evidence and again.probability == first.probability
 
 
@@ -115,24 +117,27 @@ def test_a_search_of_no_causes_is_refused(hidden: ModelSet) -> None:
 @pytest.mark.slow
 def test_processes_search_what_one_would(alone: ModelSet, tmp_path: Path) -> None:
     for memory in (Memory(None), Memory(tmp_path)):
-        shared = search_models(few_readings(), FEW, seed=1, jobs=2, memory=memory)
+        shared = search_models(few_readings(), **LITTLE, jobs=2, memory=memory)
         assert shared.log_evidence == alone.log_evidence
         assert all(np.array_equal(c.modes, d.modes) for c, d in zip(shared.candidates, alone.candidates, strict=True))
 
 
+@pytest.fixture(scope="module")
+def paired() -> ModelSet:
+    """What is found where two causes are hidden."""
+    return search_models(problem(experiment(PAIR, [4e-5, 0.05], n=60)), FEW, seed=1)
+
+
 @pytest.mark.slow
-def test_a_pair_is_found_whatever_the_order_of_the_catalogue() -> None:
-    whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
-    for catalogue in (FEW, FEW[::-1]):
-        found = search_models(whole, catalogue, seed=1)
+def test_a_pair_is_found_whatever_the_order_of_the_catalogue(paired: ModelSet) -> None:
+    for found in (paired, search_models(paired.baseline.problem, FEW[::-1], seed=1)):
         assert set(found.best_model.ids) == set(PAIR) and found.probability[found.best_model.ids] > 0.9
 
 
 @pytest.mark.slow
-def test_a_search_goes_on_from_where_it_has_to_begin() -> None:
+def test_a_search_goes_on_from_where_it_has_to_begin(paired: ModelSet) -> None:
     """A model that fewer readings led to is fitted in addition to the baseline, and its neighbours if it leads."""
-    whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
-    plain = search_models(whole, FEW, seed=1)
+    whole, plain = paired.baseline.problem, paired
     part = replace(plain.best_model.problem, group_ids=("a", "b"))
     known = candidate_at(part, plain.best_model.modes)
     begun = search_models(whole, FEW, seed=1, starts=[known])
@@ -200,11 +205,11 @@ def test_a_search_whose_worker_is_killed_goes_on_with_the_same_command(alone: Mo
     one, memory, dead = few_readings(), Memory(tmp_path), []  # type: ignore[var-annotated]
     killer = killing(memory, lambda: list(get_reusable_executor(reuse=True)._processes), dead)
     with pytest.raises(InputError, match=r"ended from outside.*repeat the same command"):
-        search_models(one, FEW, seed=1, jobs=2, memory=memory)
+        search_models(one, **LITTLE, jobs=2, memory=memory)
     killer.join()
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert dead and len(kept) >= 3
-    again = search_models(one, FEW, seed=1, jobs=2, memory=memory)
+    again = search_models(one, **LITTLE, jobs=2, memory=memory)
     assert again.log_evidence == alone.log_evidence
     assert {path: path.stat().st_mtime_ns for path in kept} == kept  # nothing that was done is done again
 
@@ -216,7 +221,7 @@ def test_a_cluster_that_loses_a_worker_in_mid_search_finds_what_one_process_find
     one, memory, dead = few_readings(), Memory(tmp_path), []  # type: ignore[var-annotated]
     with two_workers() as cluster:
         killer = killing(memory, lambda: [w.pid for w in cluster.workers.values()], dead)
-        found = search_models(one, FEW, seed=1, scheduler=cluster.scheduler_address, memory=memory)
+        found = search_models(one, **LITTLE, scheduler=cluster.scheduler_address, memory=memory)
         killer.join()
     assert dead
     assert found.log_evidence == alone.log_evidence and found.probability == alone.probability
