@@ -120,6 +120,16 @@ def fitted(known: Experiment, tmp_path_factory: pytest.TempPathFactory) -> tuple
 
 
 @pytest.fixture(scope="session")
+def by_importance(known: Experiment, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fit of group 1, drawn from by importance sampling: to be copied by what writes into it."""
+    from psafit.inference.run import fit
+
+    folder = tmp_path_factory.mktemp("importance") / "r"
+    fit(known, [1], folder, seed=1, n_starts=8, sampled_by="importance")
+    return folder
+
+
+@pytest.fixture(scope="session")
 def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Experiment]:
     """A made-up diagnosis with its predictions, and the experiment it belongs to."""
     from diagnoses_by_hand import make_experiment, make_record

@@ -14,11 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import psafit, run
+from rigs import measure
 from sensors import CUBIC, SENSOR
 
 from psafit import physics, plugins
 from psafit.errors import InputError
-from psafit.experiment import Experiment, read_experiment
+from psafit.experiment import Experiment, read_experiment, write_experiment
 from psafit.inference.run import fit
 from psafit.inference.run_folder import load
 from psafit.physics import TERMS, plugin
@@ -134,10 +135,10 @@ def test_worker_processes_know_the_plugin(sensor: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_challenge_hides_the_plugin(sensor: Path, tmp_path: Path) -> None:
+def test_a_challenge_hides_the_plugin(known_folder: Path, sensor: Path, tmp_path: Path) -> None:
     done = psafit(
         "challenge", "make", "--seed", 3, "--out", "hidden", "--terms", "sensor_compression", "--kind", "one",
-        "--jobs", 2, "--experiment", ROOT / "experiments" / "psa", cwd=tmp_path, PSAFIT_PLUGINS=str(sensor),
+        "--jobs", 2, "--experiment", known_folder, cwd=tmp_path, PSAFIT_PLUGINS=str(sensor),
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "sensor_kappa" in json.loads((tmp_path / "hidden" / "answer.json").read_text())["parameters"]
@@ -213,24 +214,22 @@ def test_the_command_fits_validates_and_refuses(known_folder: Path, sensor: Path
     assert psafit("report", "run", "--plugin", sensor, "--quiet", cwd=tmp_path).returncode == 0
     page = (tmp_path / "run" / "report.html").read_text("utf-8")
     assert record["versions"]["plugin sensor_compression"] in page and str(tmp_path) not in page
-    assert "which is not here" in psafit("validate", "run", cwd=tmp_path).stderr
     sensor.write_text(SENSOR + "# edited\n")
-    changed = psafit("report", "run", "--plugin", sensor, cwd=tmp_path)
-    assert changed.returncode == 2 and "was made with another cause" in changed.stderr
     again = psafit("fit", known_folder, *words, "--plugin", sensor, cwd=tmp_path)
     assert again.returncode == 2 and "holds another run (what differs: terms)" in again.stderr
 
 
 @pytest.mark.slow
-def test_a_diagnosis_weighs_the_plugin(known_folder: Path, sensor: Path, tmp_path: Path) -> None:
+def test_a_diagnosis_weighs_the_plugin(sensor: Path, tmp_path: Path) -> None:
+    write_experiment(measure(np.random.default_rng(5), readings=(8, 6, 4)), tmp_path / "rig")
     words = ("--group", 1, "--quick", "--no-report", "--quiet", "--out", "found", "--plugin", sensor)
     words += ("--causes", "preload,sensor_compression")
-    done = psafit("diagnose", known_folder, *words, cwd=tmp_path)
+    done = psafit("diagnose", "rig", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     result = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
     assert "sensor_compression" in [s["id"] for s in result["screening"]]
     assert result["versions"]["plugin sensor_compression"] and str(tmp_path) not in json.dumps(result)
     kept = len(list((tmp_path / "found" / "steps").iterdir()))
     sensor.write_text(SENSOR + "# edited\n")
-    assert psafit("diagnose", known_folder, *words, cwd=tmp_path).returncode == 0
+    assert psafit("diagnose", "rig", *words, cwd=tmp_path).returncode == 0
     assert len(list((tmp_path / "found" / "steps").iterdir())) > kept  # what the old file gave is not taken

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,18 +16,17 @@ from psafit import validate
 from psafit.diagnose.residuals import normal_scores
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
-from psafit.inference import run as running
 from psafit.inference.optimiser import log_posteriors
 from psafit.inference.problem import Problem
+from psafit.inference.run_folder import load
 from psafit.physics import terms
 from psafit.records import Broken, Retested, Validation, read_json
 from psafit.validate import verdict
 
 
 @pytest.fixture(scope="module")
-def checked(known: Experiment, tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
-    folder = tmp_path_factory.mktemp("run") / "r"
-    run = running.fit(known, [1], folder, seed=1, n_starts=8, sampled_by="importance")
+def checked(by_importance: Path, tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
+    run = load(shutil.copytree(by_importance, tmp_path_factory.mktemp("run") / "r"))
     return run, *validate.validate(run)
 
 

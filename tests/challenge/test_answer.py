@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,13 @@ from psafit.challenge.answer import unseal
 from psafit.challenge.hide import make
 from psafit.errors import InputError
 from psafit.experiment import Experiment
+
+
+@pytest.fixture(scope="module")
+def sealed(known: Experiment, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("sealed")
+    make(5, folder, design_of=known, kind="nothing")
+    return folder
 
 
 def test_the_answer_is_committed_to_before_the_data(
@@ -37,8 +45,8 @@ def test_the_answer_is_committed_to_before_the_data(
 
 
 @pytest.mark.parametrize("victim", ["answer.json", "commitment.txt", "experiment/group2.csv"])
-def test_tampering_is_refused(known: Experiment, tmp_path: Path, victim: str) -> None:
-    make(5, tmp_path, design_of=known, kind="nothing")
+def test_tampering_is_refused(sealed: Path, tmp_path: Path, victim: str) -> None:
+    shutil.copytree(sealed, tmp_path, dirs_exist_ok=True)
     file = tmp_path / victim
     text = file.read_text()
     changed = {
@@ -53,8 +61,8 @@ def test_tampering_is_refused(known: Experiment, tmp_path: Path, victim: str) ->
 
 
 @pytest.mark.parametrize("victim", ["answer.json", "commitment.txt"])
-def test_a_seal_that_is_not_there_is_reported(known: Experiment, tmp_path: Path, victim: str) -> None:
-    make(5, tmp_path, design_of=known, kind="nothing")
+def test_a_seal_that_is_not_there_is_reported(sealed: Path, tmp_path: Path, victim: str) -> None:
+    shutil.copytree(sealed, tmp_path, dirs_exist_ok=True)
     (tmp_path / victim).unlink()
     with pytest.raises(InputError, match="is missing"):
         unseal(tmp_path)
@@ -74,8 +82,8 @@ def test_a_seal_that_is_not_there_is_reported(known: Experiment, tmp_path: Path,
         (lambda a: a["scatter"].update(sigma_abs=float("nan")), "has sigma_abs = nan, outside the bounds"),
     ],
 )
-def test_a_forged_answer_with_its_own_hash_is_refused(known: Experiment, tmp_path: Path, forge: Any, what: str) -> None:
-    make(5, tmp_path, design_of=known, kind="nothing")
+def test_a_forged_answer_with_its_own_hash_is_refused(sealed: Path, tmp_path: Path, forge: Any, what: str) -> None:
+    shutil.copytree(sealed, tmp_path, dirs_exist_ok=True)
     file = tmp_path / "answer.json"
     content = json.loads(file.read_text())
     forge(content)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -17,7 +18,9 @@ from clusters import two_workers
 from commands import call
 from outside import OUTSIDE
 
+from psafit.challenge import campaign
 from psafit.challenge.campaign import LEVELS, PRIOR, content_hash, load, plan, read_diagnosis, run
+from psafit.challenge.oracle import Oracle
 from psafit.challenge.score import score
 from psafit.errors import InputError
 from psafit.experiment import Experiment
@@ -39,6 +42,12 @@ class Counting:
         deaf(experiment, group_ids, folder, quick=quick, seed=seed)
 
 
+@pytest.fixture
+def unasked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The oracle says nothing: for tests of what is run, and of what is kept."""
+    monkeypatch.setattr(campaign, "consult", lambda *given, **options: Oracle(0.0, {}, {}, None, 0.0))
+
+
 def test_the_full_plan_has_all_that_the_targets_ask_for() -> None:
     specs = plan(1, outside=[o.name for o in OUTSIDE])
     assert len(specs) >= 200 and len({s.id for s in specs}) == len({s.seed for s in specs}) == len(specs)
@@ -58,6 +67,7 @@ def test_the_full_plan_has_all_that_the_targets_ask_for() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unasked")
 def test_an_interrupted_campaign_goes_on_and_runs_nothing_twice(known: Experiment, tmp_path: Path) -> None:
     specs = given(plan(4, **SMALL))
     whole = run(specs, tmp_path / "whole", design_of=known, diagnose=deaf, jobs=1)
@@ -77,6 +87,7 @@ def test_an_interrupted_campaign_goes_on_and_runs_nothing_twice(known: Experimen
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unasked")
 def test_a_failed_diagnosis_counts_and_is_tried_again(known: Experiment, tmp_path: Path) -> None:
     specs = given(plan(4, **SMALL))
     results = run(specs, tmp_path, design_of=known, diagnose=Counting(stop_at=2, error=InputError), jobs=1)
@@ -108,6 +119,7 @@ def test_two_workers_give_what_one_gives(known: Experiment, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unasked")
 def test_a_short_campaign_is_part_of_the_whole(known: Experiment, tmp_path: Path) -> None:
     specs = given(plan(4, **SMALL))
     first, rest = Counting(), Counting()
@@ -252,6 +264,14 @@ def test_a_foreign_diagnosis_must_keep_the_contract(change: dict[str, Any], tmp_
         read_diagnosis(tmp_path / "d.json")
 
 
+@pytest.fixture(scope="module")
+def ended(known: Experiment, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign of one data set."""
+    folder = tmp_path_factory.mktemp("campaign")
+    run(plan(1, **SMALL | {"nothing": 1}), folder, design_of=known, diagnose=deaf, jobs=1)
+    return folder
+
+
 @pytest.mark.parametrize(
     "edit",
     [
@@ -261,12 +281,9 @@ def test_a_foreign_diagnosis_must_keep_the_contract(change: dict[str, Any], tmp_
         lambda r: r.update(seconds={}),
     ],
 )
-def test_an_edited_result_is_one_line(
-    known: Experiment, tmp_path: Path, edit: Callable[[dict[str, Any]], None]
-) -> None:
-    specs = plan(1, **SMALL | {"nothing": 1})
-    run(specs, tmp_path, design_of=known, diagnose=deaf, jobs=1)
-    file = tmp_path / "results" / f"{specs[0].id}.json"
+def test_an_edited_result_is_one_line(ended: Path, tmp_path: Path, edit: Callable[[dict[str, Any]], None]) -> None:
+    shutil.copytree(ended, tmp_path, dirs_exist_ok=True)
+    (file,) = (tmp_path / "results").iterdir()
     content = json.loads(file.read_text())
     edit(content)
     file.write_text(json.dumps(content))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from psafit.diagnose.retest import kept, once, retest
 from psafit.errors import ConvergenceError
 from psafit.experiment import Experiment
 from psafit.inference import run as running
-from psafit.inference.run_folder import Run
+from psafit.inference.run_folder import Run, load
 from psafit.parameters import Belief, Normal
 from psafit.physics import terms
 from psafit.records import Retested
@@ -24,9 +25,9 @@ def with_reading(run: Run, group: int, factor: np.ndarray) -> Run:
     return replace(run, problem=replace(run.problem, experiment=replace(e, groups=groups)))
 
 
-def test_a_model_is_tested_on_groups_that_its_fit_has_not_seen(known: Experiment, tmp_path: Path) -> None:
+def test_a_model_is_tested_on_groups_that_its_fit_has_not_seen(known: Experiment, by_importance: Path) -> None:
     """From its middle on another group is off: no other value of a parameter takes that up."""
-    run = running.fit(known, [1], tmp_path / "r", seed=1, n_starts=8, sampled_by="importance")
+    run = load(by_importance)
     right = retest(run)
     assert right is not None and (right.objection, right.n_simulated) == ("", 199) and right.p_value > 0.02
     n = known.group(2).n_points
@@ -45,8 +46,8 @@ def test_a_model_with_causes_of_which_something_is_known_is_tested(known: Experi
     assert found is not None and found.objection == ""
 
 
-def test_what_cannot_be_tested_is_not_said_to_pass(known: Experiment, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    run = running.fit(known, [1], tmp_path / "r", seed=1, n_starts=8, sampled_by="importance")
+def test_what_cannot_be_tested_is_not_said_to_pass(by_importance: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    run = load(shutil.copytree(by_importance, tmp_path / "r"))
     assert retest(run, most_readings=10) is None
     assert kept(run) is None
     validate(run, n_draws=50, retest=lambda one: Retested("", 0.4, 199))
