@@ -314,10 +314,12 @@ def thinned(experiment: Experiment) -> Experiment:
 
 
 def set_up(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Go where a page is followed: few readings, short chains, few candidates, one data set to calibrate with.
+    """Go where a page is followed: few readings, short chains, few candidates, cheap searches, one data set redrawn.
 
     Figures are made and not drawn, which takes half of all time: tests/report draws them.
     """
+    from truths import CHEAP
+
     from psafit import api, diagnose
     from psafit.diagnose.settings import Settings as Effort
     from psafit.inference.problem import Problem
@@ -332,7 +334,7 @@ def set_up(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         return replace(short, n_walkers=usual(problem).n_walkers)
 
     monkeypatch.setattr(Settings, "of", of)
-    whole, effort = diagnose.diagnose, Effort(simulated=49, searches=1)
+    whole, effort = diagnose.diagnose, Effort(simulated=49, search=CHEAP)
 
     def few(*given: Any, **options: Any) -> Any:
         less = {"catalogue": terms(["preload", "reading_gain"]), "settings": effort}
