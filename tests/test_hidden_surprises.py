@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_hidden_effects import blank
-from truths import FEW
 
 from psafit.challenge.campaign import read_diagnosis
 from psafit.challenge.hide import simulate_literally
@@ -33,11 +32,11 @@ def test_an_implausible_strength_is_named_and_flagged(
 ) -> None:
     cause = owner(name)
     assert cause
-    plan = blank(30)
+    plan = blank(20)
     true = simulate_literally(Design.of(plan.constants, plan.groups), values | {name: hidden}, terms([cause]), plan.ids)
     scatter = np.hypot(0.05 * true, 0.1) * np.random.default_rng(1).standard_normal(true.size)
     experiment = plan.with_readings(np.round(np.maximum(true + scatter, 0.0), 2))
-    catalogue = terms([*(t.id for t in FEW), "preload", "adhesion"])
+    catalogue = terms(["amplifier_lag", "flight_friction", "preload", "adhesion"])
     settings = replace(Settings.usual(quick=True), simulated=99)
     diagnose(experiment, experiment.ids, tmp_path, quick=True, seed=1, catalogue=catalogue, settings=settings)
     said = read_diagnosis(tmp_path / "diagnosis.json")

@@ -53,7 +53,7 @@ def test_what_a_cause_adds_is_seen_from_everywhere(tmp_path: Path) -> None:
     found = consult(experiment, made.answer, seed=1)
     assert found.gain > 50 and found.without["slew_limit"] > 50
     plain, slow = (
-        fit(Problem(experiment, experiment.ids, terms(ids)), (), seed=3, draws=4096, most=64)
+        fit(Problem(experiment, experiment.ids, terms(ids)), (), seed=3, draws=2048, most=32)
         for ids in ([], ["slew_limit"])
     )
     alone = slow.log_likelihood - plain.log_likelihood

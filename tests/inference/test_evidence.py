@@ -49,12 +49,17 @@ def test_evidence_is_that_of_plain_monte_carlo():
     assert (np.abs(draws.mean(axis=0) - other) > 0.5 * spread).any()  # not the prior's
 
 
+@pytest.fixture(scope="module")
+def repeating():
+    """A fit of readings to which a drive of three or four periods has led."""
+    whole = problem(experiment(["repeat_impacts"], [3.4]))
+    return fit(replace(whole, terms=terms(["repeat_impacts"])), [fit(whole, (), seed=1)], seed=1)
+
+
 @pytest.mark.parametrize("place", [*(pytest.param(p, marks=pytest.mark.slow) for p in (2.2, 2.5, 4.9)), 2.4])
-def test_evidence_knows_of_a_plateau_wherever_the_optimisation_ended(place):
+def test_evidence_knows_of_a_plateau_wherever_the_optimisation_ended(place, repeating):
     """Above 2.4 periods no reading knows how long the drive lasts, from 2.3 downwards many do."""
-    e = experiment(["repeat_impacts"], [3.4])
-    one = replace(problem(e), terms=terms(["repeat_impacts"]))
-    fitted = fit(one, [fit(problem(e), (), seed=1)], seed=1)
+    fitted, one = repeating, repeating.problem
     k = one.names.index("repeat_cycles")
     scale = one.parameters[k].scale
     u = fitted.modes[:1].copy()
