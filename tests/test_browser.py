@@ -11,7 +11,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from campaigns import result
+from campaigns import result as answered
 from diagnoses_by_hand import make_experiment, make_record
 from fits_by_hand import build, make_run, sweep_groups
 from reader import HOSTILE
@@ -23,7 +23,6 @@ from psafit.report.challenge import write_page
 from psafit.report.comparison import write_comparison
 from psafit.report.diagnosis import write_diagnosis
 from psafit.report.reproduction import write_reproduction
-from psafit.reproduce import reproduce
 
 pytestmark = pytest.mark.slow
 
@@ -190,22 +189,22 @@ EXPLORED, STILL = ("diagnosis", "comparison"), ("reproduction", "score")
 
 
 @pytest.fixture(scope="module")
-def other_pages(tmp_path_factory) -> dict[str, Path]:
+def other_pages(result, tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("pages")
     experiment = make_experiment(HOSTILE)
     sides = made(HOSTILE, 2.0), made("b", 1.1)
     provenance = {"Command": HOSTILE}
     reported = {"tau": {"median": 2.0, "lower": 1.0, "upper": 3.0}}
     judged = [
-        result(["a"], named=["a"], causes=[{"terms": ["a"], "probability": 0.9, "parameters": reported}]),
-        result(["a"], named=["<b> & $x_ {{ 7 }}"]),
-        result([], verdict="adequate"),
-        result([], outside="<i> & $x_ {{ 7 }}", verdict="unexplained"),
+        answered(["a"], named=["a"], causes=[{"terms": ["a"], "probability": 0.9, "parameters": reported}]),
+        answered(["a"], named=["<b> & $x_ {{ 7 }}"]),
+        answered([], verdict="adequate"),
+        answered([], outside="<i> & $x_ {{ 7 }}", verdict="unexplained"),
     ]
     return {
         "diagnosis": write_diagnosis(make_record(experiment, title=HOSTILE), experiment, folder),
         "comparison": write_comparison(*sides, compare(*sides), folder / "comparison.html"),
-        "reproduction": write_reproduction(reproduce(PSA), folder / "reproduction.html", provenance),
+        "reproduction": write_reproduction(result, folder / "reproduction.html", provenance),
         "score": write_page(score(judged), folder / "score.html", provenance),
     }
 

@@ -100,7 +100,6 @@ def test_a_second_mode_of_the_baseline_is_not_lost(seed):
         assert separate_modes(alone) == [0]
         again = sample(rig, [alone], seed=1)[0]
         assert np.abs(again.modes[:, :3] - truth[:3]).max(axis=1).min() < 1.5
-        assert sample(rig, [alone], seed=1)[0].modes.tobytes() == again.modes.tobytes()
     lower, upper = (w := importance_sample(found, seed=1)).quantiles(rig.to_physical(w.draws), [0.05, 0.95])
     assert (lower[:3] < rig.to_physical(truth)[:3]).all() and (rig.to_physical(truth)[:3] < upper[:3]).all()
 
