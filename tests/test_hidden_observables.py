@@ -23,7 +23,8 @@ from psafit.physics.term import Term
 from psafit.simulate import Design, readings
 from psafit.simulate.sensitivity import plausible
 
-STRENGTH = 30.0  # nats that a fit of the true model gains over that of the baseline
+# Nats that a fit of the true model gains over that of the baseline; a search for it is content with a little more.
+STRENGTH, ENOUGH = 30.0, 36.0
 # Relative and absolute scatter of each observable, as instruments have them.
 SCATTER = {
     "launch_range": (0.05, 0.1), "launch_speed": (0.05, 0.003),
@@ -83,10 +84,14 @@ def exact_readings(design: Design, hidden: Term | None) -> np.ndarray:
         return readings(design, [*TRUTH, *plausible(hidden, share)], (hidden,))[0]
 
     # A gap that the tip never crosses shows nothing: the largest strength that does.
-    low, high = 0.0, next(share for share in (0.98, 0.5, 0.25, 0.1, 0.05) if gain(design, at(share)) > STRENGTH)
-    for _ in range(10):
+    shares = ((share, gain(design, at(share))) for share in (0.98, 0.5, 0.25, 0.1, 0.05))
+    low, (high, most) = 0.0, next((share, gained) for share, gained in shares if gained > STRENGTH)
+    while most > ENOUGH and high - low > 1e-3:
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if gain(design, at(middle)) > STRENGTH else (middle, high)
+        if (gained := gain(design, at(middle))) > STRENGTH:
+            high, most = middle, gained
+        else:
+            low = middle
     return at(high)
 
 

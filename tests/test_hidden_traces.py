@@ -28,7 +28,8 @@ from psafit.physics.term import Term
 from psafit.simulate.contract import STUDY
 from psafit.simulate.sensitivity import plausible
 
-STRENGTH = 30.0  # nats that the true model gains over the baseline, both refitted with their scatter
+# Nats that the true model gains over the baseline, both refitted with their scatter; a little more will do.
+STRENGTH, ENOUGH = 30.0, 36.0
 FEW = ("amplifier_lag", "gap", "hertz_exponent", "stroke_tolerance")
 # A single pulse from 0 V, of 600 us and 40 samples.
 AT = np.round(np.linspace(0.0, 6e-4, 40), 7)
@@ -77,11 +78,13 @@ def hiding(problem: Problem, hidden: Term, seed: int) -> Experiment:
         without = optimised(plain, starts_of(plain, 0, 8, 256)[0])
         return made, optimised(full, u[None]).log_likelihood - without.log_likelihood
 
-    low, high = 0.0, 0.98
-    for _ in range(6):
+    low, high, gained = 0.0, 0.98, 0.0
+    while not STRENGTH < gained < ENOUGH and high - low > 0.02:
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if at(middle)[1] > STRENGTH else (middle, high)
-    made, gained = at(high)
+        made, gained = at(middle)
+        low, high = (low, middle) if gained > STRENGTH else (middle, high)
+    if gained <= STRENGTH:
+        made, gained = at(high)
     assert gained > STRENGTH, f"{hidden.id} gains at most {gained:.1f} nats"
     return made
 
