@@ -320,7 +320,11 @@ def _optimised(problem: Problem, pairs: Sequence[tuple[Candidate, Candidate]], s
     trial, known = subsampled(problem, how), []
     for pair in pairs:
         new = [t for t in problem.terms if t.id not in pair[1].ids]
-        known.append(widened(trial, merged(problem, *pair), new))
+        start = merged(problem, *pair)
+        if not np.isfinite(trial.log_posterior(start[None])[0]):
+            # Between two optima there may be nothing to simulate; at the second there is.
+            start = pair[1].placed(problem)[0]
+        known.append(widened(trial, start, new))
     starts = np.vstack(known)
     end, _ = raced(problem, trial, starts, [(starts, how.trial)], how)
     return {"u": end.u, "height": end.log_posterior}

@@ -96,6 +96,18 @@ def test_an_exchange_is_fitted_from_the_two_models_that_know_its_parts(hidden: M
     assert low.log_posterior > few[()].log_posterior - 3.0
 
 
+def test_where_two_optima_meet_in_nothing_one_of_them_is_the_start(
+    hidden: ModelSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where their values together are those of no rig that can be simulated; here they are out of bounds."""
+    fitter = ProblemFitter(hidden.baseline.problem, FEW, SETTINGS, 1, Memory(None))
+    parts = [hidden.of(ids) for ids in ((), PAIR[:1], PAIR[1:])]
+    known = {c.ids: Model(c.ids, hidden.log_evidence[c.ids], c.log_posterior, False, Fitted(c)) for c in parts}
+    monkeypatch.setattr(fitting, "merged", lambda problem, *pair: problem.bounds[:, 1] + 1.0)
+    (found,) = fitter.carried([PAIR], known)
+    assert found.log_posterior > max(c.log_posterior for c in parts) - 3.0
+
+
 def test_what_was_fitted_is_kept(hidden: ModelSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = hidden.baseline.problem
     news: list[str] = []
