@@ -72,7 +72,7 @@ sbc: $(STAMP)-run ## Simulation-based calibration of the posteriors, with rank p
 reproduce: $(STAMP)-run ## Repeat the study's own tables and say where they come out otherwise
 	@$(PSAFIT) reproduce
 
-test: $(STAMP)-dev ## Run the tests but those marked slow, five minutes on two cores: [JOBS=2] [ARGS='-k name']
+test: $(STAMP)-dev ## Run the tests but those marked slow, five to ten minutes on two cores: [JOBS=2] [ARGS='-k name']
 	@$(PYTEST) $(ARGS)
 
 test-slow: $(STAMP)-dev ## Run the tests marked slow, whole fits, diagnoses and campaigns: [JOBS=2] [ARGS='-k name']

@@ -102,7 +102,7 @@ class _Lines(Silent):
         self._latest = done, total, note, now
 
     def say(self) -> None:
-        """Print what was reported last; the stage again, where it has not reported yet."""
+        """Print what was reported last; the stage again, where it has not reported yet; nothing before the first."""
         state, this = self._stage, None
         if self._latest and self._first:
             done, total, note, now = self._latest
@@ -110,7 +110,8 @@ class _Lines(Silent):
             if total is not None and done > self._first[0]:
                 this = (now - self._first[1]) / (done - self._first[0]) * (total - done)
         left = ", ".join(filter(None, (_left(this, "of this"), _left(self._whole))))
-        self._print("  " + "; ".join(filter(None, (state, left))))
+        if state:
+            self._print("  " + "; ".join(filter(None, (state, left))))
 
     def _print(self, text: str) -> None:
         print(f"[{time.monotonic() - self._begun:5.1f} s] {text}", file=sys.stderr, flush=True)

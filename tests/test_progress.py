@@ -11,6 +11,7 @@ def test_progress_in_a_log_says_what_is_awaited(monkeypatch, capsys) -> None:  #
     now = 0.0
     monkeypatch.setattr(progress.time, "monotonic", lambda: now)
     with progress.watcher(quiet=False, every=3600.0) as lines:
+        lines.say()  # nothing has begun
         now = 11.0
         lines.update(500, None, "step 500 of at most 40000, R-hat 1.030 (goal 1.01)")
         lines.say()
