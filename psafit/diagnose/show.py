@@ -282,13 +282,13 @@ def corners(candidate: Candidate) -> list[Corner]:
     s = CornerSettings()
     result = []
     design = candidate.problem.design
-    absolute = np.broadcast_to(noise.columns(candidate.noise)[1][0], design.measured.shape)
-    absolute = absolute[design.measured == design.measured.min()]  # of the first observable
+    # Of the first observable.
+    absolute = np.broadcast_to(noise.columns(candidate.noise)[1][0], design.measured.shape)[design.measured.argmin()]
     for group_id, variable, x, y, p, relative in _logarithms(candidate):
         # By its neighbours, since a reading weighted by itself counts more where it errs upwards.
         usual = median_filter(y, s.neighbours, mode="nearest")
         relative = relative * np.exp(y - usual)
-        clear = absolute[0] < s.clear * np.exp(usual)
+        clear = absolute < s.clear * np.exp(usual)
         x, y, p, relative = x[clear], y[clear], p[clear], relative[clear]
         if x.size < s.fewest or not np.ptp(y) or x[-s.each_side] - x[s.each_side - 1] < 0.1:
             continue

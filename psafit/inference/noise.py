@@ -161,15 +161,7 @@ def scale(predicted: FloatArray, noise: FloatArray, known: FloatArray | None) ->
     return np.sqrt(variance if known is None else variance + known**2)
 
 
-def at_least(noise: FloatArray, margin: float = 1.1) -> NDArray[np.bool_]:
-    """Where the relative scatter is as small as it may be, to a factor; (n_sets,).
-
-    What is left is then below what any rig repeats to.
-    """
-    return np.asarray((columns(noise)[0] <= margin * PARAMETERS[0].bounds.lower).all(axis=1))
-
-
-def too_fine(noise: FloatArray, scores: FloatArray, level: float) -> bool:
+def too_fine(noise: FloatArray, scores: FloatArray, level: float, margin: float = 1.1) -> bool:
     """Whether readings scatter less than the least relative scatter makes them, as those of a simulation do.
 
     Parameters
@@ -180,8 +172,11 @@ def too_fine(noise: FloatArray, scores: FloatArray, level: float) -> bool:
         Their normal scores.
     level : float
         Probability of squares that are as small together, below which they are.
+    margin : float
+        Factor up to which the relative scatter is the least. What is left is then below what any rig repeats to.
     """
-    return bool(at_least(noise)[0] and chi2.cdf(np.sum(scores**2), scores.size) < level)
+    least = (columns(noise)[0] <= margin * PARAMETERS[0].bounds.lower).all()
+    return bool(least and chi2.cdf(np.sum(scores**2), scores.size) < level)
 
 
 def log_density(observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:

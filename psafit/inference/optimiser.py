@@ -152,6 +152,8 @@ def slopes(
     # across one is no slope: the other side's is. Nor is one into where nothing can be simulated.
     scatter = noise.scale(predicted, problem.noise_values(u), problem.known_sigma)
     smooth = np.abs(found - predicted[:, None, :]) <= jump * scatter[:, None, :]
+    if smooth.all():
+        return slope
     row, column = np.nonzero(~smooth.all(axis=2))
     inside = u[row, column] - step[row, column] > problem.bounds[column, 0]
     row, column = row[inside], column[inside]

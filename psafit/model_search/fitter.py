@@ -227,8 +227,10 @@ class ProblemFitter:
         found = {t.key: kept for t in tasks if (kept := self.memory.look(t.key)) is not None}
         left = {t.key: t for t in tasks if t.key not in found}
 
+        total = len(found) + len(left)
+
         def reached() -> None:
-            self.progress(f"{len(found)} of {len({t.key for t in tasks})} {what}")
+            self.progress(f"{len(found)} of {total} {what}")
 
         if left:
             reached()
