@@ -355,7 +355,7 @@ def _suspicious_part(part: Group, constants: Constants | None, v_max: float) -> 
     least, most = o.usual
     r_max = float(np.abs(part.reading).max())
     string_um = constants.l * 1e6 if constants and o is LAUNCH_RANGE else math.inf
-    still = float(np.abs(part.reading)[part.amplitude_v == 0].max(initial=0.0))
+    still = float(np.abs(part.reading)[~part.driven].max(initial=0.0))
     if still > 0 and v_max > 0:
         of = "" if o is LAUNCH_RANGE else f" ({o.title})"
         found.append(f"the ball is launched by {still:g} {o.unit} at 0 V{of}; is that the reading's offset?")
