@@ -12,7 +12,7 @@ from folders import HEADER, SIGMA, TOML, write
 
 from psafit.drives import Drive
 from psafit.experiment import Group, read_experiment
-from psafit.experiment.plausible import suspicious_conditions
+from psafit.experiment.plausible import suspicious_readings
 from psafit.experiment.writer import group_text
 
 CONSTANT_UNITS = {"M": 27.0, "m": 50.0, "q": 0.12, "l": 90.0, "k_s": 48.9, "g": 981.0}
@@ -274,5 +274,5 @@ def test_a_step_by_a_bias_launches_at_no_amplitude() -> None:
     """As `Conditions.driven` says: a reading there is no offset, as one of a drive that rests is."""
     f, v, y = np.full(2, 500.0), np.array([0.0, 5.0]), np.array([3.0, 20.0])
     for bias, warned in ((20.0, False), (0.0, True)):
-        found = suspicious_conditions(Group("1", Drive("square", bias_v=bias), "1.csv", f, v, y))
+        found = suspicious_readings(Group("1", Drive("square", bias_v=bias), "1.csv", f, v, y), None)
         assert any("at 0 V" in said for said in found) is warned
