@@ -79,6 +79,8 @@ class StepSettings(NamedTuple):
     ----------
     most_steps : int
         After which a trajectory ends: contacts that last for hundreds of periods, and balls that chatter to rest.
+    most_runs : int
+        How often a trajectory is followed, each time with smaller errors, for a launch that was too slow for them.
     iterations : int
         Of Newton's method for the contact force.
     force_error : float
@@ -96,10 +98,11 @@ class StepSettings(NamedTuple):
     slow : float
         A ball slower than this, relative to the speed the error was scaled for, is followed again.
     rounding : float
-        An error of a step that rounding alone makes, in units of stroke times frequency.
+        A speed that rounding alone makes, in units of stroke times frequency.
     """
 
     most_steps: int = 20_000
+    most_runs: int = 12
     iterations: int = 10
     force_error: float = 0.003
     first_step: float = 6.0
@@ -822,12 +825,25 @@ def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, r
         level = _grown(level, error)
 
 
+@compiled(inside=True)
+def _scale(slow_ones, ends, usual):  # type: ignore[no-untyped-def]
+    """Speed that errors are relative to behind some of the contact's ends, and whether it grows with the ball's."""
+    reference, grows = usual, True
+    for k in range(len(slow_ones[0])):
+        if slow_ones[0][k] > ends:
+            reference, grows = min(reference, slow_ones[1][k]), False
+    return reference, grows
+
+
 @compiled(borrows=True)
-def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows, forced, trace):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
+def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, slow_ones, forced, trace):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     """Follow one trajectory to the launch, and beyond where a trace (moments, whether of the tip, what is seen) does.
 
-    Returns (outcome, time, speed of the ball, its place, highest force until then, steps taken); the place is the
-    highest where it is not launched.
+    `slow_ones` are slow launches that runs before took for the one that counts: which of the contact's ends each was,
+    and the speed that errors until then are relative to.
+
+    Returns (outcome, time, speed of the ball, its place, highest force until then, which of the contact's ends it was,
+    steps taken); the place is the highest where it is not launched.
     """
     k_c, c_s, c_c, m, ball, k_s, q = rig.k_c, rig.c_s, rig.c_c, rig.m, rig.M, rig.k_s, rig.q
     length, g, phase, lag, inverse_slew = rig.l, rig.g, rig.phase, rig.lag, rig.inverse_slew
@@ -839,7 +855,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     linear = len(calls[0]) == 0
     split = len(calls[2]) > 0 or len(calls[4]) > 0
     if not _drive.first_piece(piece, rows, point, phase, lag, inverse_slew, split):
-        return NO_SEPARATION, math.nan, 0.0, 0.0, math.nan, 0
+        return NO_SEPARATION, math.nan, 0.0, 0.0, math.nan, 0, 0
     f = point[FREQUENCY]
     settled = _settled(q, point[IDLE], theta_at, calls, mem_z, mem_u)
 
@@ -852,12 +868,15 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     t = piece[_drive.BEGIN]
     rest, highest, peak, separated_once = x2, 0.0, 0.0, False
     tip_rest, watched = x1, 0
-    last_time, last_speed, last_place, last_peak = math.nan, 0.0, 0.0, 0.0
+    last_time, last_speed, last_place, last_peak, last_end, ends = math.nan, 0.0, 0.0, 0.0, 0, 0
+    last_reference = 0.0
     waiting = max(point[LENGTH] + HORIZON_PERIODS / f, _last_of(trace))
     horizon = max(waiting, min(4.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
     window = cycles / f  # until when a launched ball may be struck again
     F = kept = splat(0.0)
     level = previous = first_level = _first_level(c_s, c_c, m, ball, k_s, k_c, f, how.first_step)
+    reference, grows = _scale(slow_ones, 0, usual)
+    still = how.rounding * q * point[REACH] * f  # a ball that is not faster is not launched
     rough = False  # whether the law has spoilt a step across the end of the contact
     carried = False  # whether `kept` holds the force of the step before, ready to be carried on
     new_piece = begun = True  # whether the next step is a piece's first; `first_level` suited the last such
@@ -954,23 +973,28 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
                 if event == _ENDS and regime == FREE and separated_once and t > window:
                     break
                 regime, d = _regime_after(event, regime, d, w, bond, pull, release, law)
-                if regime == FREE and v2 > 0.0:
+                ends += 1 if regime == FREE else 0
+                if regime == FREE and v2 > still:
                     separated_once = True
-                    last_time, last_speed, last_place, last_peak = t, v2, x2 - rest, peak
+                    last_time, last_speed, last_place, last_peak, last_end = t, v2, x2 - rest, peak, ends
+                    last_reference = reference
                     if cycles == 0.0:
                         break
                     # Beyond the apex the hop is over: what strikes the ball then is another launch.
                     window = cycles / f if opposed <= 0.0 else min(cycles / f, t + v2 * ball / opposed)
+                if regime == FREE and not grows:
+                    # Resolved, a slow launch may turn out to be none, and a faster one may follow.
+                    reference, grows = _scale(slow_ones, ends, usual)
         if (separated_once and regime == FREE and t > window) or t > (waiting if regime == FREE else horizon):
             break
     tip = (t, x1, v1, xw, vw, tip_rest, level, watched, new_piece)
     _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, settled, trace, tip)
     if separated_once:
         # Of the launch that counts alone: the next impact makes up for one before it that was slow.
-        slow = last_speed < how.slow * reference and tolerance * reference > how.rounding * q * point[REACH] * f
+        slow = last_speed < how.slow * last_reference and tolerance * last_reference > still
         outcome = _TOO_SLOW if slow and step < how.most_steps - 1 else LAUNCHED
-        return outcome, last_time, last_speed, last_place, last_peak, step
-    return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), math.nan, step
+        return outcome, last_time, last_speed, last_place, last_peak, last_end, step
+    return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), math.nan, 0, step
 
 
 @compiled(borrows=True)
@@ -1004,6 +1028,7 @@ def _one_set(  # type: ignore[no-untyped-def]
         np.empty(_MOST_BRANCHES),
     )  # fmt: skip
     point = np.empty(COMMAND)
+    slow_end, slow_speed = np.empty(how.most_runs, np.int64), np.empty(how.most_runs)
     for j in range(len(points)):
         driven(points[j], rig.scale, rig.idle, point)
         if point[REACH] == 0.0 or not wanted[j]:
@@ -1011,17 +1036,18 @@ def _one_set(  # type: ignore[no-untyped-def]
             seen[j] = 0.0
             continue
         seen[j] = math.nan
-        reference = how.usual_part * _usual_speed(rig, theta_at, point, calls, nodes[0])
+        usual = how.usual_part * _usual_speed(rig, theta_at, point, calls, nodes[0])
         total_steps = 0
-        for k in range(12):
-            outcome, t, v, x, top, count = _fly(
-                rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, k == 0, forced,
-                (moments[j], tipped, seen[j]),
+        for k in range(len(slow_end)):
+            outcome, t, v, x, top, end, count = _fly(
+                rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, (slow_end[:k], slow_speed[:k]),
+                forced, (moments[j], tipped, seen[j]),
             )  # fmt: skip
             total_steps += count
             if outcome != _TOO_SLOW:
                 break
-            reference = max(v, how.rounding * rig.q * point[REACH] * point[FREQUENCY] / tolerance)
+            slow_end[k] = end
+            slow_speed[k] = max(v, how.rounding * rig.q * point[REACH] * point[FREQUENCY] / tolerance)
         when[j], speed[j], place[j], status[j], peak[j], steps[j] = t, v, x, outcome, top, total_steps
 
 
