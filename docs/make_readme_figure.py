@@ -46,7 +46,7 @@ def draw(folder: Path, file: Path) -> None:
             axes.annotate(text.format(**values), place, words, arrowprops=look, color=PALETTE["ink"], fontsize=10)
             axes.set(title=g.title, xlabel=g.sweep.label, ylabel="Launch range (µm)")
         figure.suptitle(
-            f"Verdict: {found.verdict} by {' + '.join(found.named).replace('_', ' ')}, probability {100 * share:.0f} %",
+            f"Found: {' + '.join(found.named).replace('_', ' ')}, probability {100 * share:.0f} %",
             x=0.01, ha="left", fontsize=12, fontweight="bold", color=PALETTE["vermillion"],
         )  # fmt: skip
         legend = figures.handles(curves[::-1])

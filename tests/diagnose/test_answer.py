@@ -9,7 +9,17 @@ import pytest
 from diagnoses_by_hand import make_experiment, make_record
 
 from psafit.diagnose.answer import answer, sentences
-from psafit.diagnose.answer.findings import Furthest, Implausible, Judged, Kind, Named, Room, Sizes, TooWeak
+from psafit.diagnose.answer.findings import (
+    Furthest,
+    Implausible,
+    Judged,
+    Kind,
+    Named,
+    Rival,
+    Room,
+    Sizes,
+    TooWeak,
+)
 from psafit.diagnose.answer.grounds import ByChance, OneGroup, Searched
 from psafit.diagnose.answer.worth import Gained
 from psafit.diagnose.misfit import Coincidence
@@ -120,6 +130,15 @@ def test_what_is_held_back_by_what_is_plausible_alone_is_reported() -> None:
     assert "between 2 sets of causes: hysteresis (probability 61 %); or preload. By likelihood alone" in named.say(
         PLAIN
     )
+
+
+def test_what_tied_sets_share_is_no_matter_of_the_tie() -> None:
+    d = record()
+    (named,) = of(d, Named)
+    assert "All of these sets" not in named.say(PLAIN)
+    rivals = [Rival([*named.causes, id], 0.1, 6.1, False) for id in ("gap", "preload")]
+    text = replace(named, alternatives=rivals).say(PLAIN)
+    assert "between 3 sets" in text and f" All of these sets hold {' + '.join(named.causes)}." in text
 
 
 def test_no_set_is_as_good_as_one_that_explains_nothing() -> None:

@@ -224,8 +224,11 @@ class Named(Statement):
                 no = words.put(f" {{}} is no explanation: {_NONE[self.left]}.", words.causes(self.causes))
             if not near:
                 return words.put("{} is most probable, but only by its priors.{}{}{}", what, likely, no, rest)
-            how = "These readings cannot decide between {} sets of causes: {}; or {}.{}{}{}"
-            return words.put(how, len(near) + 1, what, words.joined("; or ", _first(near)), likely, no, rest)
+            tied = [r.causes for r in self.alternatives if not r.by_likelihood]
+            held = [id for id in self.causes if all(id in causes for causes in tied)]
+            sure = words.put(" All of these sets hold {}.", words.causes(held)) if held else ""
+            how = "These readings cannot decide between {} sets of causes: {}; or {}.{}{}{}{}"
+            return words.put(how, len(near) + 1, what, words.joined("; or ", _first(near)), sure, likely, no, rest)
         if not self.causes:
             looked = "that was looked at" if self.restricted else "of the catalogue"
             how = "No cause {} stands out that would explain what these readings show.{}"
