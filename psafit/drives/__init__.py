@@ -23,11 +23,13 @@ TABLE = "table"
 NAMES = (*WAVEFORMS, TABLE)
 _TABLE = f"none of psafit's: give one period as a {TABLE}"
 _VARIED = {
-    r"cos|kosin": "a sine with phase_deg = 90",
+    r"^(cos|kosin)[a-z]*( |$)": "a sine with phase_deg = 90",
+    r"(^|\D)1 cos": "unipolar_sine",
     r"\bdc\b|offset|bias": "{} with bias_v, and idle_v if it rests there",
     r"burst": "{} with cycles, the periods that it lasts",
-    r"half|rectif": _TABLE,
-    r"^(single |rect\w* |square )?\w*pulse?s?$": f"unipolar_square if it is up for half of the period, else a {TABLE}",
+    r"half|rectif|\||unipolar ramp": _TABLE,
+    r"^single pulse$": f"unipolar_square with cycles = 1 if it is up for half of the period, else a {TABLE}",
+    r"^(rect\w* |square )?\w*pulse?s?$": f"unipolar_square if it is up for half of the period, else a {TABLE}",
     r"saw": _TABLE,
     r"ramp": f"triangle if it rises as long as it falls, else a {TABLE}",
 }

@@ -12,7 +12,7 @@ from importlib.resources import as_file, files
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.drives import WAVEFORMS, Drive
+from psafit.drives import WAVEFORMS, Drive, span_of
 from psafit.experiment.records import DEFINITION, Constants, Group
 from psafit.experiment.rig import MATERIALS, Rig, is_rated_stroke
 from psafit.experiment.table import read_csv, readings_of
@@ -499,14 +499,6 @@ def _rows(group: Group) -> FloatArray:
     return np.column_stack([group.conditions, group.reading])
 
 
-# What readings differ by where volts of one group are counted in another way.
-_COUNTED = (
-    (math.sqrt(2), "are volts of one of them RMS?"),
-    (2.0, "are volts of one of them peak to peak?"),
-    (2 * math.sqrt(2), "are volts of one of them peak to peak, and of the other RMS?"),
-)
-
-
 def disagreeing_groups(groups: Sequence[Group], least: float = 1.37) -> list[str]:
     """One line for each two groups whose readings differ by a factor where they share conditions.
 
@@ -533,15 +525,25 @@ def disagreeing_groups(groups: Sequence[Group], least: float = 1.37) -> list[str
             places = "sample" if o.traced else "condition"
             places = f"one shared {places}" if len(ratios) == 1 else f"{len(ratios)} shared {places}s"
             text = f"{o.titles if o.traced else o.plural} are {ratio:.3g} times those of group {first.id} at {places}"
-            asked = "is the sign of one of them turned?" if ratio < 0 else _factor_asked(factor)
+            asked = "is the sign of one of them turned?" if ratio < 0 else _factor_asked(factor, first.drive)
             found.append(one_line(f"{second.file}: group {second.id}: {text}; {asked}"))
     return found
 
 
-def _factor_asked(factor: float) -> str:
-    """What is asked of readings that differ by a factor: how volts are counted, where it is nearest to that."""
-    near, asked = min(_COUNTED, key=lambda counted: abs(math.log(factor / counted[0])))
-    return asked if abs(math.log2(factor / near)) <= 0.25 else "is one of them in another unit?"
+def _factor_asked(factor: float, drive: Drive) -> str:
+    """What is asked of readings that differ by a factor: how volts are counted, where it is near what that makes."""
+    form, (low, high) = WAVEFORMS.get(drive.waveform), span_of(drive)
+    effective = math.sqrt(form.crest_squared or 1.0) if form else 1.0
+    both = high - low
+    counted = (
+        (effective, "are volts of one of them RMS?"),
+        (both, "are volts of one of them peak to peak?"),
+        (both * effective, "are volts of one of them peak to peak, and of the other RMS?"),
+    )
+    near, asked = min(counted, key=lambda one: abs(math.log(factor / one[0])))
+    # A voltage that is counted the same either way, or recorded, explains nothing.
+    explains = not drive.recorded and near > 1.0 and abs(math.log2(factor / near)) <= 0.25
+    return asked if explains else "is one of them in another unit?"
 
 
 def _of_launches(first: Group, second: Group, o: Observable) -> list[float]:

@@ -136,7 +136,8 @@ class Conditions:
         """The least and the greatest voltage of all its launches, V."""
         drive = self.drive
         if drive.table is not None and drive.recorded:
-            return float(drive.table.value.min()), float(drive.table.value.max())
+            reached = [drive.idle_v, float(drive.table.value.min()), float(drive.table.value.max())]
+            return min(reached), max(reached)
         reached = [drive.idle_v, *(drive.bias_v + level * float(self.amplitude_v.max()) for level in span_of(drive))]
         return min(reached), max(reached)
 

@@ -66,10 +66,28 @@ def test_what_there_is_not_leads_on() -> None:
     assert instead("offset sine").startswith("that is a sine with bias_v")
     assert instead("burst").startswith("that is a waveform with cycles")
     assert instead("cosinus").startswith("that is a sine with phase_deg = 90")
+    assert all(
+        instead(text).startswith("that is unipolar_sine;") for text in ("1-cos", "(1 - cos(x))/2", "0.5*(1-cos)")
+    )
+    assert instead("unipolar ramp").startswith("that is none of psafit's: give one period as a table")
+    assert instead("|sin|").startswith("that is none of psafit's: give one period as a table")
+    assert instead("single pulse").startswith("that is unipolar_square with cycles = 1")
 
 
 @pytest.mark.parametrize(
-    "wrong", ["triangle_unipolar", "abs_sine", "sin^2", "-sine", "sine 0 to V", "bipolar_square", "inverted sine", ""]
+    "wrong",
+    [
+        "triangle_unipolar",
+        "abs_sine",
+        "sin^2",
+        "-sine",
+        "sine 0 to V",
+        "bipolar_square",
+        "inverted sine",
+        "",
+        "-cos",
+        "cos^2",
+    ],
 )
 def test_a_word_that_changes_a_waveform_names_none(wrong: str) -> None:
     """What nearly has a waveform's name would be described by another's; no name is near to none."""
@@ -101,7 +119,7 @@ WAVEFORM = Waveform(
     corners=(0.0,), value=lambda k, x: x, rate=lambda k, x: 1.0,
 )
 """
-USE = """
+USE = r"""
 import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
@@ -120,8 +138,29 @@ fast = simulate(Design.sweep(rig, "sawtooth", 800.0, 20.0), theta).launch_range[
 slow = literal_launch(Point(Drive("sawtooth"), 800.0, 20.0), theta, [], rig).launch_range
 assert slow > 1e-7 and abs(fast - slow) < 1e-8 * slow, (fast, slow)
 
+from psafit.physics import terms
+
+(hertz,) = chosen = terms(["hertz_exponent"])
+stepped = simulate(Design.sweep(rig, "sawtooth", 800.0, 20.0), [*theta, 1.5], chosen)
+slow = literal_launch(Point(Drive("sawtooth"), 800.0, 20.0), theta, [(hertz, [1.5])], rig).launch_range
+assert stepped.engine == "stepper" and abs(stepped.launch_range[0, 0] - slow) < 1e-6 * slow
+
 from psafit.challenge.conditions import ConditionSettings
+from psafit.errors import InputError
 from psafit.experiment import read_experiment
+from psafit.experiment.importing import Options, read_files
+
+file, rests = Path(sys.argv[1], "sweep.csv"), (("idle_v", 0.0),)
+file.write_text("Frequency (Hz);Amplitude (V);Range (um)\n800;20;30\n900;20;25\n", "utf-8")
+(table,) = read_files([file], Options(waveforms=("sawtooth",), volts="peak"))
+assert table.groups[0].drive == Drive("sawtooth")
+file.write_text("Frequency (Hz);Amplitude (V);DC offset (V);Range (um)\n800;20;5;30\n900;20;5;25\n", "utf-8")
+try:
+    read_files([file], Options(waveforms=("sawtooth",), volts="peak", values=rests))
+except InputError as error:
+    assert "if it is counted twice" in str(error), error
+else:
+    raise AssertionError("an offset was added to what goes from 0 V by itself")
 assert read_experiment(Path(sys.argv[1], "rig")).groups[0].drive == Drive("sawtooth")
 assert "sawtooth" in dict(ConditionSettings().waveforms)
 """
@@ -129,7 +168,8 @@ assert "sawtooth" in dict(ConditionSettings().waveforms)
 
 @pytest.mark.slow
 def test_a_drive_is_one_file(tmp_path: Path) -> None:
-    """In a copy of the package a file adds a waveform: simulated by both, read, drawn; the engine stays compiled."""
+    """In a copy of the package a file adds a waveform: simulated by all three, read, imported, drawn; the engine stays
+    compiled."""
     shutil.copytree(Path(drives.__file__).parents[1], tmp_path / "psafit")
     (tmp_path / "psafit" / "drives" / "sawtooth.py").write_text(SAWTOOTH)
     (tmp_path / "rig").mkdir()

@@ -34,7 +34,17 @@ def test_an_offset_that_makes_a_drive_unipolar_is_counted_once(waveform: str, tm
     assert table.groups[0].drive == Drive(waveform)
 
 
-@pytest.mark.parametrize(("name", "said"), [("offset sine", "a sine with bias_v"), ("Cosine", "phase_deg = 90")])
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("offset sine", "a sine with bias_v"),
+        ("Cosine", "phase_deg = 90"),
+        ("|sin|", "none of psafit's"),
+        ("-sine", "for any other voltage"),
+        ("\u2212square", "for any other voltage"),
+        ("sin\u00b2", "for any other voltage"),
+    ],
+)
 def test_a_waveform_of_another_name_is_not_guessed(name: str, said: str, tmp_path: Path) -> None:
     rows = "".join(f"{name};{row}\n" for row in OFFSET.splitlines()[1:])
     asked = refused(tmp_path, f"Waveform;{OFFSET.splitlines()[0]}\n{rows}", waveforms=(), values=RESTS)

@@ -122,6 +122,25 @@ def test_groups_that_share_a_condition_and_differ_are_named(tmp_path: Path, fact
     assert not read_experiment(write(tmp_path, other, first, second)).warnings
 
 
+@pytest.mark.parametrize(
+    ("waveform", "factor", "said"),
+    [
+        ("square", 1.42, "in another unit?"),  # its RMS is its peak
+        ("square", 2.0, "peak to peak?"),
+        ("triangle", 1.73, "RMS?"),
+        ("unipolar_sine", 2.0, "in another unit?"),  # from 0 V both are the same
+        ("unipolar_square", 1.42, "in another unit?"),
+    ],
+)
+def test_how_volts_may_be_counted_depends_on_the_waveform(
+    waveform: str, factor: float, said: str, tmp_path: Path
+) -> None:
+    toml = TOML.replace('waveform = "square"', 'waveform = "sine"').replace('"sine"', f'"{waveform}"')
+    csv = [HEADER + f"1200,20,{50 * times:.6g}\n1300,20,45\n" for times in (1.0, factor)]
+    (warning,) = read_experiment(write(tmp_path, toml, csv[0], csv[1].replace("1300", "1400"))).warnings
+    assert warning.endswith(said)
+
+
 @pytest.mark.parametrize(("column", "plural"), [("launch_speed_mm_s", "speeds"), ("peak_force_n", "forces")])
 def test_groups_whose_speeds_or_forces_differ_are_named(column: str, plural: str, tmp_path: Path) -> None:
     """A time does not grow with the voltage."""

@@ -117,7 +117,9 @@ def waveform_places(grid: Grid, head: Head) -> list[int]:
 
 
 def waveform(text: str) -> str:
-    """Psafit's waveform of this name; empty for any other."""
+    """Psafit's waveform of this name; empty for any other, and where a sign changes it, as in ``|sin|``."""
+    if re.search(r"(?<!\w)[-\u2212]|[|+*/^\u00b2]", text):
+        return ""
     return _WAVEFORMS.get(words(text), "")
 
 

@@ -125,11 +125,12 @@ def _at_rest(grid: Grid, row: Row, drive: Drive, chosen: Chosen, settings: dict[
     drive = options.drive_of(drive.waveform, settings)
     form, offset = WAVEFORMS.get(drive.waveform), next((c for c in chosen.of(BIAS) if not c.mapped), None)
     if form and offset and drive.bias_v and form.unipolar:
-        other = next(w.id for w in WAVEFORMS.values() if not w.unipolar and form.id.endswith(w.id))
+        other = next((w.id for w in WAVEFORMS.values() if not w.unipolar and form.id.endswith(w.id)), "")
         what = f"{form.id} goes from 0 V by itself, and column {offset.name} adds {drive.bias_v:g} V"
         say = "write" if chosen.of(WAVEFORM) else "say --waveform"
-        remedy = f"{say} {other} if that raises a {other}, or say {option(offset.option, IGNORED)}"
-        remedy = f"{remedy} if it is counted twice, or {option(offset.option, BIAS)} if both hold"
+        raised = f"{say} {other} if that raises a {other}, or " if other else ""
+        once, both = option(offset.option, IGNORED), option(offset.option, BIAS)
+        remedy = f"{raised}say {once} if it is counted twice, or {both} if both hold"
         raise InputError(what, remedy, file=grid.file, line=row.line)
     if drive.bias_v and IDLE not in settings:
         what = f"a bias of {drive.bias_v:g} V, and nothing says what the drive rests at before its start"
