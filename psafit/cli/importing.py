@@ -123,7 +123,7 @@ def import_files(
         warnings = imported.warnings if imported.missing else read_experiment(out).warnings
         write_result(json_file, _result(imported, out, warnings))
     if not quiet:
-        for table in imported.tables:
+        for table in _files(imported):
             for line in _columns_text(table):
                 click.echo(escaped(line))
         warn(warnings)
@@ -259,6 +259,11 @@ def _columns_text(table: Table) -> list[str]:
     return lines
 
 
+def _files(imported: Imported) -> list[Table]:
+    """What was read, the file of the drive before the table that has it."""
+    return [one for table in imported.tables for one in (table.recording, table) if one]
+
+
 def _next(imported: Imported, out: Path) -> None:
     """What to do with the folder."""
     from psafit.experiment import DEFINITION
@@ -286,6 +291,7 @@ def _result(imported: Imported, out: Path, warnings: Sequence[str]) -> dict[str,
         "missing_constants": list(imported.missing),
         "warnings": list(warnings),
         "tables": [_table_result(table) for table in imported.tables],
+        "recordings": [_table_result(table.recording) for table in imported.tables if table.recording],
     }
 
 

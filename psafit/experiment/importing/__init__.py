@@ -7,7 +7,7 @@ calamine; units are pint's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import fields, replace
 from functools import partial
 from itertools import groupby, product
@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from psafit.drives import NAMES, TABLE
+from psafit.drives import NAMES, TABLE, Drive
 from psafit.errors import Faults, InputError
 from psafit.experiment.drive_table import RECORDED
 from psafit.experiment.importing.chosen import ERROR_OF, HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
@@ -25,6 +25,7 @@ from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, Row, grids
 from psafit.experiment.importing.layout import (
+    Body,
     Head,
     askew,
     body,
@@ -88,13 +89,14 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
         with faults.kept():
             found += _tables(file, options)
     faults.end()
-    driven = _recordings(options.drive_file, options) if options.drive_file else []
+    driven, recording = _recordings(options.drive_file, options) if options.drive_file else [], None
     sheets = {(grid.file, grid.sheet) for grid, *_ in driven}
     found = [tries for tries in found if (tries[0][0].file, tries[0][0].sheet) not in sheets] or found
     _check_mappings([*(one for tries in found for one in tries), *((grid, head) for grid, head, _ in driven)], options)
     if driven:
-        reads = [(grid, partial(recorded, grid, head, chosen, options)) for grid, head, chosen in driven]
-        options = replace(options, drive=_readable(reads, lambda drive: drive))
+        reads = [(grid, partial(_drive, grid, head, chosen, options, examples)) for grid, head, chosen in driven]
+        drive, recording = _readable(reads, itemgetter(0))
+        options = replace(options, drive=drive)
     shapes = _waveforms([tries[0] for tries in found], options)
     tables: list[Table] = []
     for number, (tries, shape) in enumerate(zip(found, shapes, strict=True)):
@@ -106,6 +108,8 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
             ]
             tables.append(_readable(understood, _content))
     faults.end()
+    if (first := next((k for k, t in enumerate(tables) if any(g.drive.table for g in t.groups)), None)) is not None:
+        tables[first] = replace(tables[first], recording=recording)
     _check_used(tables, options, counts=any(grid.counts is not None for grid, *_ in driven))
     return tables
 
@@ -318,17 +322,32 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     sampled = from_start(grid, read, options) if chosen.traced else None
     found = [r for t in sampled.traces for r in t.samples] if sampled else read
     columns = _columns(chosen, options, sampled.zeros if sampled else {})
-    order = list(COLUMNS)
-    cells = {row.line: row.texts[: grid.counts] for row in rows.rows}
-    first = list(dict.fromkeys(r.line for r in found[: 100 * examples]))[:examples]
-    own = [c.column for c in chosen.columns if c.column in SETTINGS]
-    shown_rows = [Example(line, cells[line], tuple(_values(found, line, own, order))) for line in first]
-    early = ((line, " ".join(filter(None, cells[line]))) for line in sorted(sampled.before if sampled else ()))
+    table = _table(grid, head, chosen, rows, decimal, columns, options)
     groups = (
         [trace_of(k, trace) for k, trace in enumerate(sampled.traces, first_id)]
         if sampled
         else [_group(k, part) for k, part in enumerate(groups_of(read).values(), first_id)]
     )
+    before = sampled.before if sampled else ()
+    return replace(_with_rows(table, grid, rows, chosen, found, before, examples), groups=tuple(groups))
+
+
+def _drive(grid: Grid, head: Head, chosen: Chosen, options: Options, examples: int) -> tuple[Drive, Table]:
+    """The drive in a file of its own, and that file as it was understood."""
+    check_trigger(grid, head, options)
+    read = recorded(grid, head, chosen, options)
+    start, unset = options.start_us or 0.0, replace(options, values=(), drive=None)
+    columns = _columns(chosen, unset, {TIME: start})
+    table = _table(grid, head, chosen, read.body, read.decimal, columns, unset)
+    after = [r for r in read.samples if dict(r.values)[TIME] >= 0.0]
+    before = {r.line for r in read.samples} - {r.line for r in after}
+    return read.drive, _with_rows(table, grid, read.body, chosen, after, before, examples)
+
+
+def _table(
+    grid: Grid, head: Head, chosen: Chosen, rows: Body, decimal: str, columns: Sequence[Understood], options: Options
+) -> Table:
+    """A table as it was understood, but for its first rows and groups."""
     return Table(
         file=grid.file,
         sheet=grid.sheet,
@@ -337,15 +356,34 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
         decimal="" if grid.sheet else decimal,
         header_line=head.line,
         columns=tuple(columns),
-        examples=tuple(shown_rows),
+        examples=(),
         unused=tuple(c.title for c in chosen.unused if c.heading.text),
         labelled=tuple(_labelled(chosen, rows.rows)),
         errors=tuple(_errors(chosen, head)),
         not_yet=tuple((c.title, c.column) for c in chosen.not_yet),
         above=tuple(above(grid, head, chosen, options)),
-        left_out=(*rows.left_out, *early),
-        groups=tuple(groups),
+        left_out=rows.left_out,
+        groups=(),
     )
+
+
+def _with_rows(
+    table: Table,
+    grid: Grid,
+    rows: Body,
+    chosen: Chosen,
+    found: Sequence[Reading],
+    before: Iterable[int],
+    examples: int,
+) -> Table:
+    """A table with the first rows of what was found, and the lines of samples before the start."""
+    order = list(COLUMNS)
+    cells = {row.line: row.texts[: grid.counts] for row in rows.rows}
+    first = list(dict.fromkeys(r.line for r in found[: 100 * examples]))[:examples]
+    own = [c.column for c in chosen.columns if c.column in SETTINGS]
+    shown_rows = (Example(line, cells[line], tuple(_values(found, line, own, order))) for line in first)
+    early = ((line, " ".join(filter(None, cells[line]))) for line in sorted(before))
+    return replace(table, examples=tuple(shown_rows), left_out=(*table.left_out, *early))
 
 
 def _labelled(chosen: Chosen, rows: Sequence[Row], least: int = 2) -> Iterator[tuple[str, int]]:

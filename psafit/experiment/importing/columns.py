@@ -31,11 +31,19 @@ from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Head, labels_above, names, waveform_places
 from psafit.experiment.importing.matters import check_matters
 from psafit.experiment.importing.numerals import count_on, counts_rows, is_number, likeliest, whole
-from psafit.experiment.importing.over_time import check_launches, check_trace, is_trace, missing_conditions, voltages
+from psafit.experiment.importing.over_time import (
+    as_drive,
+    check_launches,
+    check_trace,
+    is_trace,
+    missing_conditions,
+    voltages,
+)
 from psafit.experiment.importing.quantities import (
     CHANNELS,
     COLUMNS,
     COUNT,
+    DRIVING,
     GENERIC,
     LEVELS,
     MEANS,
@@ -127,6 +135,8 @@ def choose_recording(grid: Grid, head: Head, options: Options) -> Chosen:
         could = [c for c in mapped.values() if c.column == name] or _recording(head, mapped, name)
         if could:
             _check_several(grid, head, could, options, faults)
+            if len(could) == 1:
+                _check_plain(grid, head, could[0], faults)
             found.append(could[0])
         else:
             remedy = f"say {option('NAME', name, COLUMNS[name].unit)}"
@@ -143,9 +153,22 @@ def _recording(head: Head, mapped: Mapping[int, Column], name: str) -> list[Colu
     """The columns that may be time or voltage of a drive: by name, else by unit."""
     others = [Column(k, h, name) for k, h in enumerate(head.headings) if k not in mapped]
     of_unit = [c for c in others if (u := head.unit(c.place)) and u.kind == COLUMNS[name].unit]
-    if name == VOLTAGE and (drives := [c for c in of_unit if c.heading.drives]):
-        return drives
+    if name == VOLTAGE and (drives := [c for c in of_unit if not DRIVING.isdisjoint(c.heading.name.split())]):
+        plain = [c for c in drives if c.heading.drives]
+        return drives if any(c.heading.altered for c in drives) else plain or of_unit
     return [c for c in others if COLUMNS[name] in c.heading.quantities(head.units[c.place])] or of_unit
+
+
+def _check_plain(grid: Grid, head: Head, column: Column, faults: Faults) -> None:
+    """A column whose heading says more than words, such as a factor or a sign, is the time or the drive if so said."""
+    if column.mapped or not column.heading.altered:
+        return
+    what = f"column {column.name} may be {column.column} of the drive, or something made of that"
+    remedy = f"say {option(column.option, column.column)}, {AS_IT_STANDS}"
+    if column.column == VOLTAGE:
+        plain = as_drive(column, plain=True)
+        remedy = f"say {as_drive(column, plain=False)} or {plain}, {AS_IT_STANDS}"
+    faults.add(fault(grid, head, what, remedy))
 
 
 def _mapped(grid: Grid, head: Head, options: Options, faults: Faults) -> dict[int, Column]:
@@ -235,6 +258,7 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], options: O
     if numbers:
         remedy = "write what these are into the headings, such as Range at 5 Vpp (um); put # before them if they are no"
         remedy = f"{remedy} conditions"
+    remedy = f"{remedy}, if that alone is the voltage at the stack" if first.column == VOLTAGE else remedy
     apart = (
         "if each is of a trace of its own, save each with its trace in a file; else " if first.column == TIME else ""
     )

@@ -74,7 +74,11 @@ MATTERS = (
         nothing=1.0,
         remedy="give volts behind the amplifier",
     ),
-    Matter(("attenuation", "attenuator"), nothing=1.0, remedy="give volts behind the attenuator"),
+    Matter(
+        ("attenuation", "attenuator", "probe attenuation", "probe atten", "probe factor"),
+        nothing=1.0,
+        remedy="give volts behind the attenuator",
+    ),
     Matter(("voltage divider", "divider"), nothing=1.0, remedy="give volts as they are at the stack"),
     Matter(
         (

@@ -205,14 +205,18 @@ def voltages(grid: Grid, head: Head, found: Sequence[Column], options: Options, 
         else:
             known[column.place] = replace(column, column="")
             what = f"column {column.name} changes along a trace: it may be the drive over time, or another signal"
-            drive = option(column.option, VOLTAGE, "V")
-            if not column.column:  # more is said of it than that it is a voltage
-                drive = f"{option(column.option, VOLTAGE, '20V/V')}, if one volt of it is 20 V at the stack,"
-            remedy = f"say {drive} or {option(column.option, IGNORED)}"
+            remedy = f"say {as_drive(column, plain=bool(column.column))} or {option(column.option, IGNORED)}"
             remedy += f"; of launches, {option(times[0].option, IGNORED)}" if not times[0].mapped else ""
             if not is_said:
                 faults.add(fault(grid, head, what, remedy))
     return [known.get(c.place, c) for c in found]
+
+
+def as_drive(column: Column, *, plain: bool) -> str:
+    """The option that makes a column the drive; `plain` is whether no more is said of it than that it is a voltage."""
+    if plain:
+        return option(column.option, VOLTAGE, "V")
+    return f"{option(column.option, VOLTAGE, '20V/V')}, if one volt of it is 20 V at the stack,"
 
 
 def _may_be_drive(column: Column, head: Head) -> bool:
@@ -280,4 +284,4 @@ def _check_volts(grid: Grid, head: Head, column: Column, options: Options, fault
         faults.add(fault(grid, head, what, f"say {options.volts_asked}, or write Vpp"))
 
 
-__all__ = ["check_launches", "check_trace", "clock", "is_trace", "missing_conditions", "voltages"]
+__all__ = ["as_drive", "check_launches", "check_trace", "clock", "is_trace", "missing_conditions", "voltages"]

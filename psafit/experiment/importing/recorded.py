@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 from statistics import mean
 
@@ -15,14 +16,24 @@ from psafit.experiment.drive_table import level
 from psafit.experiment.importing.chosen import IDLE, VOLTAGE, Chosen
 from psafit.experiment.importing.clock import early, less
 from psafit.experiment.importing.grid import Grid
-from psafit.experiment.importing.layout import Head, body
+from psafit.experiment.importing.layout import Body, Head, body
 from psafit.experiment.importing.records import Options
 from psafit.experiment.importing.values import Reading, readings
 from psafit.experiment.table import CellFault, RowFaults
 from psafit.experiment.trace_table import TIME, out_of_order
 
 
-def recorded(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Drive:
+@dataclass(frozen=True)
+class Recording:
+    """A drive in a file of its own: the rows of that file, all samples on the drive's clock, and its decimal mark."""
+
+    drive: Drive
+    body: Body
+    samples: tuple[Reading, ...]
+    decimal: str
+
+
+def recorded(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Recording:
     """Read a voltage over time from a file of its own.
 
     Parameters
@@ -36,8 +47,9 @@ def recorded(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Drive:
 
     Returns
     -------
-    Drive
-        Means of `every` samples. With a period, one period per volt of its largest voltage; else as recorded.
+    Recording
+        Its drive has means of `every` samples: with a period one period, per volt of its largest voltage; else as
+        recorded.
 
     Raises
     ------
@@ -45,7 +57,7 @@ def recorded(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Drive:
         Where time or voltage cannot be read, or do not reach over the period.
     """
     rows = body(grid, head, [c.place for c in chosen.columns], options)
-    found, _ = readings(grid, head, chosen, rows, options, TABLE)
+    found, decimal = readings(grid, head, chosen, rows, options, TABLE)
     early(grid, found, options)
     start, period = options.start_us or 0.0, options.period_us
     samples = [less(reading, {TIME: start}) for reading in found]
@@ -63,11 +75,13 @@ def recorded(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Drive:
         raise InputError(what, remedy, file=grid.file)
     if period is None:
         table = Table(at * 1e-6, value, recorded=True)
-        return Drive(TABLE, idle_v=_idle(grid, samples, volts, options), table=table, file="drive.csv")
+        drive = Drive(TABLE, idle_v=_idle(grid, samples, volts, options), table=table, file="drive.csv")
+        return Recording(drive, rows, tuple(samples), decimal)
     largest = float(np.abs(value).max())
     if largest == 0.0:
         raise InputError("the recorded voltage is zero throughout", "give another channel", file=grid.file)
-    return Drive(TABLE, table=Table(at / period, value / largest, recorded=False), file="drive.csv")
+    drive = Drive(TABLE, table=Table(at / period, value / largest, recorded=False), file="drive.csv")
+    return Recording(drive, rows, tuple(samples), decimal)
 
 
 def drive_of(grid: Grid, samples: Sequence[Reading], options: Options) -> Drive:

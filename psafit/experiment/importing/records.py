@@ -209,6 +209,8 @@ class Table:
         Rows that hold no reading: line and text.
     groups : tuple of Group
         What was read; `file` names the table that is to be written.
+    recording : Table or None
+        The file of the drive, which has no groups, with the first table that has it.
     """
 
     file: Path
@@ -226,6 +228,7 @@ class Table:
     above: tuple[tuple[int, str, str], ...]
     left_out: tuple[tuple[int, str], ...]
     groups: tuple[Group, ...] = field(repr=False)
+    recording: Table | None = None
 
     @property
     def place(self) -> str:
