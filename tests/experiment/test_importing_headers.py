@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -73,3 +74,46 @@ def test_what_was_understood_of_a_drive_is_printed(
     ):
         assert line in first
     assert "group 1: drive of 11 rows" in second
+
+
+HELD = {"values": (("frequency_hz", 1200.0), ("amplitude_v", 20.0))}
+SAMPLES = [0.0, 0.0, 0.0, *(0.01 * k * k for k in range(1, 14))]
+STEP = Decimal(10)
+SCALE = scaled("10us")
+ORIGINS: dict[str, tuple[str, dict[str, Any], str]] = {
+    "next to the headings": (
+        "Time(s),Velocity (mm/s),t0 =-3e-05, tInc = 1e-05,\n" + "".join(f",{v},,\n" for v in SAMPLES),
+        {"step_us": STEP}, "in.csv:1: 't0 = -3e-05' is",
+    ),
+    "below a heading": (
+        "X,CH1,Start,Increment\nSequence,Volt,-3e-05,1e-05\n" + "".join(f"{k},{v},\n" for k, v in enumerate(SAMPLES)),
+        {"columns": (Mapping("X", "time_us", SCALE), Mapping("CH1", "velocity_mm_s", scaled("1mm/s/V")))},
+        "in.csv:1: 'Start = -3e-05' is",
+    ),
+    "in a line above": (
+        "X0\t-0,00003\t-0,00003\nDelta_X\t0,00001\nVelocity (mm/s)\n" + "".join(f"{v:.2f}\n" for v in SAMPLES),
+        {"step_us": STEP}, "in.csv:1: 'X0 = -0,00003 = -0,00003' is",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "said", "where"), ORIGINS.values(), ids=ORIGINS.keys())
+def test_the_time_of_the_first_sample_is_not_left_out(
+    text: str, said: dict[str, Any], where: str, tmp_path: Path
+) -> None:
+    asked = refused(tmp_path, text, **HELD, start_us=0.0, **said)
+    assert f"{where} the time of the first sample" in asked and "say --start=30:us if the drive starts at 0" in asked
+    (table,) = tables(tmp_path, text, **HELD, start_us=30.0, **said)
+    time, motion = table.groups[0].time_us, table.groups[0].reading
+    assert time is not None and time[0] == 0.0 and motion[:2].tolist() == pytest.approx([0.01, 0.04])
+    for origin in ("-3e-05", "-0,00003"):
+        text = text.replace(origin, "0")
+    (table,) = tables(tmp_path, text, **HELD, start_us=0.0, **said)
+    assert table.groups[0].n_points == 16
+
+
+def test_the_time_of_a_drives_first_sample(tmp_path: Path) -> None:
+    file = tmp_path / "drive.csv"
+    file.write_text("t0 = -50 us\nCH1 (V)\n" + "".join(f"{3 * k}\n" for k in range(14)), encoding="utf-8")
+    asked = refused(tmp_path, SWEEP, waveforms=(), drive_file=file, start_us=0.0, step_us=Decimal(50))
+    assert "drive.csv:1: 't0 = -50 us' is the time of the first sample" in asked and "say --start=50:us" in asked

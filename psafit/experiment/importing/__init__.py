@@ -40,6 +40,7 @@ from psafit.experiment.importing.layout import (
 from psafit.experiment.importing.matters import above, check_trigger
 from psafit.experiment.importing.numerals import is_number
 from psafit.experiment.importing.order import check_order
+from psafit.experiment.importing.origin import check_origin
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, QUANTITIES, SEPARATORS, SUFFIXES
 from psafit.experiment.importing.recorded import recorded
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
@@ -319,6 +320,8 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     rows = body(grid, head, [c.place for c in chosen.columns], options)
     check_order(grid, chosen.columns, rows.rows)
     read, decimal = readings(grid, head, chosen, rows, options, shape)
+    if chosen.traced:
+        check_origin(grid, head, chosen, read, options)
     sampled = from_start(grid, read, options) if chosen.traced else None
     found = [r for t in sampled.traces for r in t.samples] if sampled else read
     columns = _columns(chosen, options, sampled.zeros if sampled else {})
@@ -336,6 +339,7 @@ def _drive(grid: Grid, head: Head, chosen: Chosen, options: Options, examples: i
     """The drive in a file of its own, and that file as it was understood."""
     check_trigger(grid, head, options)
     read = recorded(grid, head, chosen, options)
+    check_origin(grid, head, chosen, read.samples, options)
     start, unset = options.start_us or 0.0, replace(options, values=(), drive=None)
     columns = _columns(chosen, unset, {TIME: start})
     table = _table(grid, head, chosen, read.body, read.decimal, columns, unset)

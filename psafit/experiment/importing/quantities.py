@@ -201,6 +201,11 @@ STEPS = dict.fromkeys(
 THINNED = {
     "decimation", "decimation factor", "decimation ratio", "downsampling", "downsampling factor", "down sampling",
 }  # fmt: skip
+# What a header calls the time of the first sample.
+ORIGINS = {
+    "x0", "t0", "xzero", "x zero", "x origin", "xorigin", "time origin", "start", "x start", "xstart", "t start",
+    "tstart", "start time", "horizontal start", "first sample", "startzeit",
+}  # fmt: skip
 CLOCK_UNITS = {"horizontal unit", "horizontal units", "x unit", "x units", "time unit", "time units"}
 # What marks a row that sums up others, alone or before `of` or a number: `Mean of 3`. The first may be of readings.
 MEANS = {
