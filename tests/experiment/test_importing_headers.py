@@ -11,7 +11,7 @@ from commands import run
 from imported import refused, tables
 
 from psafit.experiment.importing import Mapping, Table
-from psafit.experiment.importing.units import scaled
+from psafit.experiment.importing.units import Unit, scaled
 
 SWEEP = "Frequency (Hz);Vp;Range (um)\n1000;3;31\n"
 RAMP = "".join(f"{50 * k};{3 * k}\n" for k in range(12))
@@ -117,3 +117,76 @@ def test_the_time_of_a_drives_first_sample(tmp_path: Path) -> None:
     file.write_text("t0 = -50 us\nCH1 (V)\n" + "".join(f"{3 * k}\n" for k in range(14)), encoding="utf-8")
     asked = refused(tmp_path, SWEEP, waveforms=(), drive_file=file, start_us=0.0, step_us=Decimal(50))
     assert "drive.csv:1: 't0 = -50 us' is the time of the first sample" in asked and "say --start=50:us" in asked
+
+
+TABLE = "Frequency (kHz);Vpp;Range (um)\n1.2;40;19\n1.3;40;18\n"
+TRACE = "Time (us);Velocity (mm/s)\n" + "".join(f"{10 * k};{v}\n" for k, v in enumerate(SAMPLES))
+AT_REST = (("frequency_hz", 1200.0), ("amplitude_v", 40.0), ("bias_v", 10.0), ("idle_v", 0.0))
+CONTRADICTED = {
+    "Waveform: square": "names a waveform, and --waveform sine is given; say --waveform square",
+    "Waveform;SQU": "say --waveform square",
+    "Rechteck": "say --waveform square",
+    "Drive: square": "say --waveform square",
+    "Voltages are RMS": "say --column Vpp=amplitude_v:Vrms or --column Vpp=amplitude_v:Vpp, as it is",
+    "All voltages peak": "say --column Vpp=amplitude_v:Vp or --column Vpp=amplitude_v:Vpp, as it is",
+}
+
+
+@pytest.mark.parametrize(("line", "said"), CONTRADICTED.items())
+def test_a_line_above_a_table_that_contradicts_is_asked_about(line: str, said: str, tmp_path: Path) -> None:
+    asked = refused(tmp_path, f"{line}\n{TABLE}")
+    assert f"in.csv:1: '{line.replace(';', ' ')}' " in asked and said in asked
+    if "amplitude_v" in said:
+        for unit in (Unit("V", "rms"), Unit("V", "pp")):
+            (table,) = tables(tmp_path, f"{line}\n{TABLE}", columns=(Mapping("Vpp", "amplitude_v", unit),))
+            assert table.columns[1].volts == unit.volts
+
+
+def test_what_a_line_says_as_well_is_not_asked_about(tmp_path: Path) -> None:
+    above = "Waveform: Sine\nAll voltages pp\nRange in um\nInverted: off\nMagnification: 1x\n"
+    (table,) = tables(tmp_path, above + TABLE)
+    assert table.above == ()
+    assert tables(tmp_path, "Waveform: Sine\n" + TABLE, waveforms=("unipolar_sine",))[0].groups
+
+
+@pytest.mark.parametrize(
+    ("line", "remedy"),
+    [
+        ("Range in mm", "'Range (um)=launch_range_um:mm'"),
+        ("Frequency in Hz", "'Frequency (kHz)=frequency_hz:Hz'"),
+        ("Frequency: 2 kHz", "correct frequency_hz in the rows"),
+        ("CH1 inverted", "turn the sign"),
+        ("Inverted output: on", "turn the sign"),
+        ("Magnification: 10x", "as they are at the rig"),
+        ("Scale factor: 2", "as they are at the rig"),
+    ],
+)
+def test_a_line_above_that_may_count_is_listed(line: str, remedy: str, tmp_path: Path) -> None:
+    (table,) = tables(tmp_path, f"{line}\n{TABLE}")
+    ((number, text, how),) = table.above
+    assert (number, text) == (1, line) and remedy in how
+
+
+@pytest.mark.parametrize(
+    ("line", "name"),
+    [
+        ("Frequency: 2 kHz", "frequency_hz"),
+        ("Frequency (kHz);2", "frequency_hz"),
+        ("Amplitude: 10 Vpp", "amplitude_v"),
+        ("Offset: 5 V", "bias_v"),
+        ("Frequency: 1200 Hz", ""),
+        ("Frequency;1,2;kHz", ""),
+        ("Amplitude: 40 Vpp", ""),
+        ("Amplitude: 20 V", ""),
+        ("Amplitude: 14.14 Vrms", ""),
+        ("Offset: 10 V", ""),
+        ("Sample rate: 1 MHz", ""),
+    ],
+)
+def test_a_line_above_a_trace_that_names_another_value_is_asked_about(line: str, name: str, tmp_path: Path) -> None:
+    said: dict[str, Any] = {"values": AT_REST, "counted": ("pp",), "start_us": 0.0}
+    if name:
+        asked = refused(tmp_path, f"{line}\n{TRACE}", **said)
+        assert f"names another {name} than --set" in asked and f"correct --set {name}, or that line" in asked
+    else:
+        assert tables(tmp_path, f"{line}\n{TRACE}", **said)[0].groups[0].amplitude_v[0] == 20.0

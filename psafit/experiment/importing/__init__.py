@@ -22,6 +22,7 @@ from psafit.errors import Faults, InputError
 from psafit.experiment.drive_table import RECORDED
 from psafit.experiment.importing.chosen import ERROR_OF, HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
 from psafit.experiment.importing.columns import choose, choose_recording
+from psafit.experiment.importing.contradicted import check_above, unread
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, Row, grids
 from psafit.experiment.importing.layout import (
@@ -317,6 +318,7 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     if chosen.traced:
         check_trigger(grid, head, options)
     shape = _shape(grid, head, chosen, waveform, options)
+    check_above(grid, head, chosen, shape, options)
     rows = body(grid, head, [c.place for c in chosen.columns], options)
     check_order(grid, chosen.columns, rows.rows)
     read, decimal = readings(grid, head, chosen, rows, options, shape)
@@ -326,6 +328,9 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     found = [r for t in sampled.traces for r in t.samples] if sampled else read
     columns = _columns(chosen, options, sampled.zeros if sampled else {})
     table = _table(grid, head, chosen, rows, decimal, columns, options)
+    lines = {line: (line, text, remedy) for line, text, remedy in unread(grid, head, chosen, shape)}
+    lines |= {line: (line, text, remedy) for line, text, remedy in table.above}
+    table = replace(table, above=tuple(lines[line] for line in sorted(lines)))
     groups = (
         [trace_of(k, trace) for k, trace in enumerate(sampled.traces, first_id)]
         if sampled

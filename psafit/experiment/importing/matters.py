@@ -13,7 +13,7 @@ from psafit.experiment.importing.chosen import Chosen, Column, cells, fault, opt
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Head, is_comment
 from psafit.experiment.importing.numerals import is_number, likeliest
-from psafit.experiment.importing.quantities import COLUMNS, COUNT, QUANTITIES, words
+from psafit.experiment.importing.quantities import CHANNELS, COLUMNS, COUNT, QUANTITIES, words
 from psafit.experiment.importing.records import IGNORED, Options
 from psafit.experiment.importing.units import factor_of, unit
 from psafit.experiment.records import CONSTANT_UNITS
@@ -96,6 +96,20 @@ MATTERS = (
         usual=("normal", "norm", "positive", "pos", "noninverted", "non inverted"),
         remedy="give the voltage with --drive FILE",
     ),
+    Matter(
+        (
+            "inverted", "invert", "inverted output", "output inverted", "channel inverted", "invertiert", "inverse",
+            "inversé",
+        ),
+        nothing=0.0,
+        usual=_NO,
+        remedy="turn the sign: volts of a drive with --drive FILE, a motion with a minus before its scale",
+    ),
+    Matter(
+        ("magnification", "scale factor", "scaling factor", "vergrößerung", "vergrösserung", "skalierungsfaktor"),
+        nothing=1.0,
+        remedy="give numbers as they are at the rig",
+    ),
     Matter(("symmetry", "symmetrie"), nothing=50.0, remedy="give the voltage with --drive FILE, one period of it"),
     Matter(("rise time", "anstiegszeit"), kinds=("", "us"), remedy="give the voltage with --drive FILE"),
     Matter(("valid", "gültig", "status", "flag", "ok", "use", "used", "quality"), nothing=1.0, usual=_YES, flag=True),
@@ -173,18 +187,26 @@ def _named_above(grid: Grid, head: Head, every: Sequence[Matter]) -> Iterator[tu
         text = " ".join(filled)
         parts = re.split("[:=]", text)
         first, *values = (part.strip() for part in (parts if len(parts) > 1 else filled))
-        found = [(likeliest([value]).number(value), unit(value)) for value in values]
+        found = [(likeliest([value]).number(value.strip("x×X")), unit(value)) for value in values]
         kinds = {said.kind for number, alone in found if (said := (number and number.unit) or alone)}
+        whole = words(first)
+        of_channel = " ".join(word for word in whole.split() if word.rstrip("0123456789") not in CHANNELS)
         named = [
             (len(name), kinds <= {_target(m), *m.kinds}, m)
             for m in every
             for name in m.names
-            if f"{words(first)} ".startswith(f"{name} ")
+            if any(f"{begins} ".startswith(f"{name} ") for begins in (whole, of_channel))
         ]
-        numbers = [float(number.value) for number, _ in found if number]
         *_, matter = max(named, key=itemgetter(0, 1), default=(None,))
-        if matter and not (numbers and all(value == matter.nothing for value in numbers)):
+        if matter and not _changes_nothing(matter, values, [float(number.value) for number, _ in found if number]):
             yield row.line, text, matter
+
+
+def _changes_nothing(matter: Matter, values: Sequence[str], numbers: Sequence[float]) -> bool:
+    """Whether a line of a header gives what changes nothing: that number, or such a word."""
+    if numbers:
+        return all(value == matter.nothing for value in numbers)
+    return any(values) and all(words(value) in matter.usual for value in values if value)
 
 
 def _target(matter: Matter) -> str:

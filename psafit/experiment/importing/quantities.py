@@ -162,6 +162,11 @@ COUNTED: dict[Volts, tuple[str, ...]] = {
         "scheitel", "scheitelwert", "crête", "crete",
     ),
 }  # fmt: skip
+# What a line that says how volts are counted calls them.
+VOLTAGES = {
+    "voltage", "voltages", "volt", "volts", "amplitude", "amplitudes", "spannung", "spannungen", "amplituden",
+    "tension", "tensions",
+}  # fmt: skip
 SUFFIXES: dict[Volts, str] = {"peak": "p", "pp": "pp", "rms": "rms"}
 """What stands behind a unit of volts that are counted so."""
 VOLTS: dict[Volts, str] = {"peak": "zero to peak", "pp": "peak to peak", "rms": "RMS"}
