@@ -142,6 +142,20 @@ def test_a_period_is_scaled_to_its_largest_voltage(text: str, said: dict[str, An
     assert group.amplitude_v.tolist() == [40.0, 40.0]  # of a drive from 0 V, peak to peak is the peak
 
 
+@pytest.mark.parametrize("period_us", [1000.0, None])
+def test_means_do_not_change_how_volts_are_counted(period_us: float | None, tmp_path: Path) -> None:
+    """A triangle of 60 V, whose means of 20 samples reach 54 V."""
+    sweep, times = tmp_path / "sweep.csv", np.arange(0, 1001, 5)
+    sweep.write_text("Frequency (Hz);Vpp;Range (um)\n1000;90;31\n", encoding="utf-8")
+    volts = np.interp(times, [0.0, 250.0, 750.0, 1000.0], [0.0, 60.0, -60.0, 0.0])
+    triangle = "Time (us);CH1 (V)\n" + "".join(f"{t};{u:.6g}\n" for t, u in zip(times, volts, strict=True))
+    (table,) = read_files([sweep], options(tmp_path, triangle, start_us=0.0, period_us=period_us, every=20))
+    (group,) = table.groups
+    assert group.amplitude_v[0] == pytest.approx(45.0) and group.drive.table is not None
+    assert group.drive.table.at.size == 12
+    assert np.abs(group.drive.table.value).max() == pytest.approx(0.9 if period_us else 54.0, abs=0.02 * 60)
+
+
 REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
     "before the start": (scope().replace("\n0;", "\n-0,1;"), {"start_us": None}, "--start 0"),
     "too short": (scope(), {"period_us": 2000.0}, "correct --start or --period, or record longer"),

@@ -91,14 +91,15 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
         with faults.kept():
             found += _tables(file, options)
     faults.end()
-    driven, recording = _recordings(options.drive_file, options) if options.drive_file else [], None
+    driven = _recordings(options.drive_file, options) if options.drive_file else []
     sheets = {(grid.file, grid.sheet) for grid, *_ in driven}
     found = [tries for tries in found if (tries[0][0].file, tries[0][0].sheet) not in sheets] or found
     _check_mappings([*(one for tries in found for one in tries), *((grid, head) for grid, head, _ in driven)], options)
+    kept: tuple[Drive, Drive, Table] | None = None
     if driven:
         reads = [(grid, partial(_drive, grid, head, chosen, options, examples)) for grid, head, chosen in driven]
-        drive, recording = _readable(reads, itemgetter(0))
-        options = replace(options, drive=drive)
+        kept = _readable(reads, itemgetter(0))
+        options = replace(options, drive=kept[1])  # how volts are counted follows from all of its samples
     shapes = _waveforms([tries[0] for tries in found], options)
     tables: list[Table] = []
     for number, (tries, shape) in enumerate(zip(found, shapes, strict=True)):
@@ -110,10 +111,22 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
             ]
             tables.append(_readable(understood, _content))
     faults.end()
-    if (first := next((k for k, t in enumerate(tables) if any(g.drive.table for g in t.groups)), None)) is not None:
-        tables[first] = replace(tables[first], recording=recording)
     _check_used(tables, options, counts=any(grid.counts is not None for grid, *_ in driven))
-    return tables
+    return _driven(tables, *kept) if kept else tables
+
+
+def _driven(tables: Sequence[Table], kept: Drive, whole: Drive, recording: Table) -> list[Table]:
+    """Tables whose groups have the drive as it is kept, in place of the whole recording; its file with the first."""
+    done, first = [], True
+    for table in tables:
+        has = any(g.drive.table is whole.table for g in table.groups)
+        groups = (
+            replace(g, drive=replace(g.drive, table=kept.table)) if g.drive.table is whole.table else g
+            for g in table.groups
+        )
+        done.append(replace(table, groups=tuple(groups), recording=recording if has and first else None))
+        first = first and not has
+    return done
 
 
 def _check_used(tables: Sequence[Table], options: Options, *, counts: bool) -> None:
@@ -340,8 +353,8 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     return replace(_with_rows(table, grid, rows, chosen, found, before, examples), groups=tuple(groups))
 
 
-def _drive(grid: Grid, head: Head, chosen: Chosen, options: Options, examples: int) -> tuple[Drive, Table]:
-    """The drive in a file of its own, and that file as it was understood."""
+def _drive(grid: Grid, head: Head, chosen: Chosen, options: Options, examples: int) -> tuple[Drive, Drive, Table]:
+    """The drive in a file of its own, as it is kept and with each sample, and that file as it was understood."""
     check_trigger(grid, head, options)
     read = recorded(grid, head, chosen, options)
     check_origin(grid, head, chosen, read.samples, options)
@@ -350,7 +363,7 @@ def _drive(grid: Grid, head: Head, chosen: Chosen, options: Options, examples: i
     table = _table(grid, head, chosen, read.body, read.decimal, columns, unset)
     after = [r for r in read.samples if dict(r.values)[TIME] >= 0.0]
     before = {r.line for r in read.samples} - {r.line for r in after}
-    return read.drive, _with_rows(table, grid, read.body, chosen, after, before, examples)
+    return read.drive, read.whole, _with_rows(table, grid, read.body, chosen, after, before, examples)
 
 
 def _table(

@@ -25,9 +25,13 @@ from psafit.experiment.trace_table import TIME, out_of_order
 
 @dataclass(frozen=True)
 class Recording:
-    """A drive in a file of its own: the rows of that file, all samples on the drive's clock, and its decimal mark."""
+    """A drive in a file of its own, as it is kept and with each of its samples; what it was read from.
+
+    That is the rows of that file, all samples on the drive's clock, and the decimal mark.
+    """
 
     drive: Drive
+    whole: Drive
     body: Body
     samples: tuple[Reading, ...]
     decimal: str
@@ -48,8 +52,8 @@ def recorded(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Record
     Returns
     -------
     Recording
-        Its drive has means of `every` samples: with a period one period, per volt of its largest voltage; else as
-        recorded.
+        Its drive has means of `every` samples: with a period one period, per volt of the largest voltage before means
+        were taken; else as recorded.
 
     Raises
     ------
@@ -73,15 +77,22 @@ def recorded(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Record
         few = at.size < options.least_samples
         remedy = "record more closely, or give a smaller --every" if few else "give a larger --every"
         raise InputError(what, remedy, file=grid.file)
+    every, each = (at, value), _cut(time, volts, end, 1)
     if period is None:
-        table = Table(at * 1e-6, value, recorded=True)
-        drive = Drive(TABLE, idle_v=_idle(grid, samples, volts, options), table=table, file="drive.csv")
-        return Recording(drive, rows, tuple(samples), decimal)
-    largest = float(np.abs(value).max())
+        rest = _idle(grid, samples, volts, options)
+        drive, whole = (
+            Drive(TABLE, idle_v=rest, table=Table(at * 1e-6, value, recorded=True), file="drive.csv")
+            for at, value in (every, each)
+        )
+        return Recording(drive, whole, rows, tuple(samples), decimal)
+    largest = float(np.abs(each[1]).max())
     if largest == 0.0:
         raise InputError("the recorded voltage is zero throughout", "give another channel", file=grid.file)
-    drive = Drive(TABLE, table=Table(at / period, value / largest, recorded=False), file="drive.csv")
-    return Recording(drive, rows, tuple(samples), decimal)
+    drive, whole = (
+        Drive(TABLE, table=Table(at / period, value / largest, recorded=False), file="drive.csv")
+        for at, value in (every, each)
+    )
+    return Recording(drive, whole, rows, tuple(samples), decimal)
 
 
 def drive_of(grid: Grid, samples: Sequence[Reading], options: Options) -> Drive:
