@@ -122,7 +122,7 @@ def _is_of(said: _Line, column: str) -> bool:
 
 def _waveform(said: _Line, shape: str) -> Iterator[tuple[str, str]]:
     """A generator that was offset says the waveform without that, and a recording is taken as it is."""
-    found = said.waveforms
+    found = said.waveforms if said.cells[0] else set()  # else it is a label of columns
     if shape not in ("", TABLE) and found and found.isdisjoint((shape, shape.removeprefix("unipolar_"))):
         what = f"names a waveform, and --waveform {shape} is given"
         yield what, f"say --waveform {min(found)}, or correct that line"
