@@ -168,7 +168,10 @@ def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0, more: fl
         found = rows.get(trace, {}) | {"time_us": [t for t, _ in kept], column: [y for _, y in kept]}
         rested = [float(x) for x in found.pop("idle_v", [])] or [0.0]
         own = {"idle_v": rested[0]} | settings | own_settings[trace]
-        condition = driven(drive if drive in WAVES else "table", own), trace.frequency, amplitudes[trace.amplitude]
+        amplitude = amplitudes[trace.amplitude]
+        if drive == "next" and counted == "pp":
+            amplitude *= 2.0 / _peak_to_peak([float(u) for u in found["voltage_v"]])
+        condition = driven(drive if drive in WAVES else "table", own), trace.frequency, amplitude
         readings += [(*condition, name, float(x), 0.0) for name, values in found.items() for x in values]
     files, said = _written(rng, folder, [("launches", sheet), *others], workbook)
     return Foreign(files[0], (*options, *said), tuple(readings), tuple(files[1:]), wrong)
@@ -297,7 +300,7 @@ def _recording(
         return sheet.shuffled(rng), _recorded(pairs, clock.start, clock.every), said
     lasts = pairs[-1][0] - clock.start - rng.choice([Decimal(0), step / 2])
     held = _recorded(pairs, clock.start, clock.every, lasts)
-    largest = max(map(abs, held["voltage_v"]))
+    largest = max(map(abs, _recorded(pairs, clock.start, 1, lasts)["voltage_v"]))
     phases = {"phase": [t / lasts for t in held["drive_us"]], "level": [u / largest for u in held["voltage_v"]]}
     return sheet.shuffled(rng), phases, [*said, "--period", f"{lasts}:us"]
 
@@ -319,6 +322,12 @@ def _recorded(pairs: Pairs, start: Decimal, every: int = 1, lasts: Decimal | Non
         "voltage_v": [u for _, u in rows],
         "idle_v": [sum(before, Decimal(0)) / max(len(before), 1)],
     }
+
+
+def _peak_to_peak(volts: Sequence[float]) -> float:
+    """Of a recorded voltage, over the largest of it."""
+    largest = max(map(abs, volts))
+    return max(volts) / largest - min(volts) / largest
 
 
 def _between(pairs: Pairs, at: Decimal) -> Decimal:

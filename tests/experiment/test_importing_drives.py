@@ -156,6 +156,27 @@ def test_means_do_not_change_how_volts_are_counted(period_us: float | None, tmp_
     assert np.abs(group.drive.table.value).max() == pytest.approx(0.9 if period_us else 54.0, abs=0.02 * 60)
 
 
+@pytest.mark.parametrize(("low", "amplitude"), [(0.0, 40.0), (-40.0, 20.0), (40.0, 40.0)])
+def test_one_recording_gives_one_amplitude(low: float, amplitude: float, tmp_path: Path) -> None:
+    """Of 40 V peak to peak, recorded in a file of its own or next to a trace; a step up from rest, too."""
+    volts = [low if k % 4 else 40.0 for k in range(16)]
+    counted: dict[str, Any] = {"counted": ("pp",), "values": (("amplitude_v", 40.0), ("idle_v", 0.0)), "start_us": 0.0}
+    sweep, trace = tmp_path / "sweep.csv", tmp_path / "trace.csv"
+    sweep.write_text("Frequency (Hz);Range (um)\n1000;31\n", encoding="utf-8")
+    drive = "Time (us);Drive (V)\n" + "".join(f"{10 * k};{u}\n" for k, u in enumerate(volts))
+    (table,) = read_files([sweep], options(tmp_path, drive, **counted))
+    held = counted["values"] + (("frequency_hz", 1000.0),)
+    columns = (Mapping("Drive (V)", "voltage_v", Unit("V")),)
+    rows = "".join(f"{10 * k};{u};{k}\n" for k, u in enumerate(volts))
+    for heading, said in (
+        ("Displacement (um)", {"values": held}),
+        ("Displacement 40 Vpp (um)", {"values": held[1:], "counted": ()}),
+    ):
+        trace.write_text(f"Time (us);Drive (V);{heading}\n{rows}", encoding="utf-8")
+        (next_to,) = read_files([trace], Options(**({**counted, "start_us": None, "columns": columns} | said)))
+        assert table.groups[0].amplitude_v[0] == next_to.groups[0].amplitude_v[0] == amplitude
+
+
 REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
     "before the start": (scope().replace("\n0;", "\n-0,1;"), {"start_us": None}, "--start 0"),
     "too short": (scope(), {"period_us": 2000.0}, "correct --start or --period, or record longer"),

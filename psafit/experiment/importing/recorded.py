@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from statistics import mean
 
@@ -18,7 +18,7 @@ from psafit.experiment.importing.clock import early, less
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Body, Head, body
 from psafit.experiment.importing.records import Options
-from psafit.experiment.importing.values import Reading, readings
+from psafit.experiment.importing.values import Reading, peak_to_peak, readings
 from psafit.experiment.table import CellFault, RowFaults
 from psafit.experiment.trace_table import TIME, out_of_order
 
@@ -172,6 +172,20 @@ def _idle(grid: Grid, samples: Sequence[Reading], volts: FloatArray, options: Op
     raise InputError(what, remedy, file=grid.file, line=samples[0].line)
 
 
+def at_amplitude(samples: Sequence[Reading], drive: Drive) -> list[Reading]:
+    """Samples whose amplitude, where it was counted peak to peak, is that of the drive that was recorded with them."""
+    if drive.table is None or not drive.table.recorded:
+        return list(samples)
+    factor = 2.0 / peak_to_peak(drive)
+    return [_times(r, factor) if r.counted == "pp" else r for r in samples]
+
+
+def _times(reading: Reading, factor: float) -> Reading:
+    """A reading at its amplitude times a factor."""
+    values = ((name, value * factor if name == "amplitude_v" else value) for name, value in reading.values)
+    return replace(reading, values=tuple(values))
+
+
 def reach(table: Table) -> str:
     """What a drive's rows go through, for people."""
     low, high = float(table.value.min()), float(table.value.max())
@@ -180,4 +194,4 @@ def reach(table: Table) -> str:
     return f"{table.at.size} rows, {low:.3g} to {high:.3g} per volt of amplitude_v"
 
 
-__all__ = ["drive_of", "reach", "recorded"]
+__all__ = ["at_amplitude", "drive_of", "reach", "recorded"]

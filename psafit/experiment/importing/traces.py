@@ -15,7 +15,7 @@ from psafit.experiment.importing.blocks import blocks, runs_on
 from psafit.experiment.importing.chosen import VOLTAGE
 from psafit.experiment.importing.clock import early, less
 from psafit.experiment.importing.grid import Grid
-from psafit.experiment.importing.recorded import drive_of
+from psafit.experiment.importing.recorded import at_amplitude, drive_of
 from psafit.experiment.importing.records import Options
 from psafit.experiment.importing.values import Reading
 from psafit.experiment.records import CONDITION_COLUMNS, Group
@@ -78,7 +78,8 @@ def from_start(grid: Grid, found: Sequence[Reading], options: Options) -> Sample
             read = [r for r in rows[len(before) :] if column in dict(r.values)]
             samples = read[:: options.every]
             _check(grid, samples, len(rows) - len(before), options)
-            traces.append(Trace(tuple(samples), drive_of(grid, rows, options)))
+            drive = drive_of(grid, rows, options)
+            traces.append(Trace(tuple(at_amplitude(samples, drive)), drive))
     if short and not len(faults):
         faults.add(_too_few(grid, short, len(parts), start, options))
     faults.end()

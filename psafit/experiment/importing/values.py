@@ -37,13 +37,17 @@ from psafit.experiment.trace_table import TIME, TRACES, possible
 
 @dataclass(frozen=True)
 class Reading:
-    """One reading: where it stands, which group it is of, and the values of psafit's columns; of a trace its column."""
+    """One reading: where it stands, which group it is of, and the values of psafit's columns.
+
+    Of a trace also its column; next to a recorded drive also how its amplitude was counted.
+    """
 
     line: int
     drive: Drive
     group: str
     values: tuple[tuple[str, float], ...]
     place: int = 0
+    counted: Volts = "peak"
 
 
 def readings(
@@ -105,7 +109,9 @@ def readings(
             known |= {c.column: v for c, v in read.items() if v is not None}
             first = next(iter(read))
             known = _named(grid, head, first, drive, options) | known if first.heading.at else known
-            found.append(Reading(row.line, drive, label, tuple(known.items()), first.place if chosen.traced else 0))
+            counted = _counted(row, chosen, first, notation, options) if chosen.of(VOLTAGE) else "peak"
+            place = first.place if chosen.traced else 0
+            found.append(Reading(row.line, drive, label, tuple(known.items()), place, counted))
             for c, v in read.items():
                 if v is not None and v < 0 and not chosen.traced:
                     faults.below.setdefault(c.column, []).append((row.line, text_of(_cell(row, c)), known))
@@ -137,6 +143,17 @@ def _at_rest(grid: Grid, row: Row, drive: Drive, chosen: Chosen, settings: dict[
         remedy = f"say --set {IDLE}=0, or --set {IDLE}={drive.bias_v:g} if it rests at the bias"
         raise InputError(what, remedy, file=grid.file, line=row.line)
     return drive
+
+
+def _counted(row: Row, chosen: Chosen, read: Column, notation: Notation, options: Options) -> Volts:
+    """How the amplitude of a reading is counted: by its cell, its column, the heading of what was read, or --set."""
+    for column in chosen.of("amplitude_v"):
+        number = notation.number(_cell(row, column))
+        return (number and number.unit and number.unit.volts) or column.volts or "peak"
+    named = next((a for a in read.at if a.column == "amplitude_v"), None)
+    if named:
+        return named.volts or options.volts or "peak"
+    return options.counted[0] if options.counted else "peak"
 
 
 def _held(held: dict[str, float], drive: Drive, options: Options) -> dict[str, float]:
@@ -344,13 +361,19 @@ def _factor(number: Number, column: Column, drive: Drive, text: str) -> Decimal:
 def peak(volts: Volts, drive: Drive) -> Decimal:
     """Peak of a voltage that is 1 as it is counted."""
     if volts != "rms":
-        # An amplitude is counted from zero, of a unipolar waveform, too; of a drive recorded next to a trace half.
-        low, high = span_of(drive)
-        return 1 / Decimal(high - low) if volts == "pp" else Decimal(1)
+        # An amplitude is counted from zero, of a unipolar waveform, too. That of a drive that is recorded next to a
+        # trace is half until its samples are read.
+        return 1 / Decimal(peak_to_peak(drive)) if volts == "pp" else Decimal(1)
     form = WAVEFORMS.get(drive.waveform)
     if form is None or form.crest_squared is None:
         raise CellFault(f"volts are RMS, and the peak of {drive.waveform} does not follow", "give them zero to peak")
     return Decimal(form.crest_squared).sqrt()
+
+
+def peak_to_peak(drive: Drive) -> float:
+    """The command from its lowest to its highest per volt of amplitude; 1 of one that is constant, up from rest."""
+    low, high = span_of(drive)
+    return high - low or 1.0
 
 
 def groups_of(found: Sequence[Reading]) -> dict[tuple[Drive, str], list[Reading]]:
@@ -361,4 +384,4 @@ def groups_of(found: Sequence[Reading]) -> dict[tuple[Drive, str], list[Reading]
     return parts
 
 
-__all__ = ["Reading", "groups_of", "known_waveform", "notation_of", "peak", "readings"]
+__all__ = ["Reading", "groups_of", "known_waveform", "notation_of", "peak", "peak_to_peak", "readings"]
