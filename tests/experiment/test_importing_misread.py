@@ -323,3 +323,26 @@ def test_a_drive_next_to_a_trace_is_asked_about_whatever_its_unit(name: str, tmp
     held = (("frequency_hz", 1200.0), ("amplitude_v", 20.0))
     asked = refused(tmp_path, f"Time (us);{name};Displacement (um)\n{rows}", values=held, start_us=0.0)
     assert "changes along a trace: it may be the drive over time, or another signal; say --column" in asked
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("Frequency (Hz);Vrms;Range (um)\n1200;20;76\n", {"values": (("bias_v", 10.0), ("idle_v", 10.0))}),
+        ("Frequency (Hz);Vrms;Bias (V);Range (um)\n1200;20;10;76\n", {"values": RESTS}),
+        ("Frequency (Hz);U;Bias (V);Range (um)\n1200;20 Vrms;10;76\n", {"values": RESTS}),
+        ("Frequency (Hz);Bias (V);Range at 20 Vrms (um)\n1200;10;76\n", {"values": RESTS}),
+        (
+            "Frequency (Hz);Range (um)\n1200;76\n",
+            {"values": (("amplitude_v", 20.0), ("bias_v", 10.0), *RESTS), "counted": ("rms",)},
+        ),
+    ],
+)
+def test_effective_volts_on_a_bias_are_asked_about(text: str, said: dict[str, Any], tmp_path: Path) -> None:
+    asked = refused(tmp_path, text, **said)
+    assert "in.csv:2: volts are RMS, on a bias of 10 V, which may be in them or not" in asked
+    assert "give them zero to peak, 1.4142 times the RMS without the bias" in asked
+    for name in ("bias_v", "idle_v"):
+        said["values"] = tuple((n, 0.0 if n == name else v) for n, v in said["values"])
+    (table,) = tables(tmp_path, text.replace(";10;", ";0;"), **said)
+    assert table.groups[0].amplitude_v[0] == pytest.approx(20 * 2**0.5)

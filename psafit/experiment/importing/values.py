@@ -39,7 +39,7 @@ from psafit.experiment.trace_table import TIME, TRACES, possible
 class Reading:
     """One reading: where it stands, which group it is of, and the values of psafit's columns.
 
-    Of a trace also its column; next to a recorded drive also how its amplitude was counted.
+    Of a trace also its column, and how its amplitude was counted in the file.
     """
 
     line: int
@@ -109,7 +109,8 @@ def readings(
             known |= {c.column: v for c, v in read.items() if v is not None}
             first = next(iter(read))
             known = _named(grid, head, first, drive, options) | known if first.heading.at else known
-            counted = _counted(row, chosen, first, notation, options) if chosen.of(VOLTAGE) else "peak"
+            counted = _counted(row, chosen, first, notation, options)
+            _check_effective(grid, row, drive, counted)
             place = first.place if chosen.traced else 0
             found.append(Reading(row.line, drive, label, tuple(known.items()), place, counted))
             for c, v in read.items():
@@ -154,6 +155,20 @@ def _counted(row: Row, chosen: Chosen, read: Column, notation: Notation, options
     if named:
         return named.volts or options.volts or "peak"
     return options.counted[0] if options.counted else "peak"
+
+
+def _check_effective(grid: Grid, row: Row, drive: Drive, counted: Volts) -> None:
+    """RMS volts of a drive on a bias are with it, as true RMS is, or without it, as behind a capacitor.
+
+    Raises
+    ------
+    InputError
+        Where volts are so.
+    """
+    if counted == "rms" and drive.bias_v:
+        what = f"volts are RMS, on a bias of {drive.bias_v:g} V, which may be in them or not"
+        remedy = f"give them zero to peak, {float(peak('rms', drive)):.5g} times the RMS without the bias"
+        raise InputError(what, remedy, file=grid.file, line=row.line)
 
 
 def _held(held: dict[str, float], drive: Drive, options: Options) -> dict[str, float]:
