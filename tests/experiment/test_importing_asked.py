@@ -733,3 +733,22 @@ def test_a_clock_next_to_headings_is_one_line_with_a_remedy(tmp_path: Path) -> N
     (table,) = tables(tmp_path, content, **HELD, columns=said, start_us=10.0)
     assert table.groups[0].time_us[:3].tolist() == [0.0, 5.0, 10.0]
     assert table.groups[0].reading[:2] == pytest.approx([0.1, 0.15])
+
+
+@pytest.mark.parametrize(
+    ("heading", "first", "others"),
+    [
+        ("Amplitude Vpk (V)", "Vp", "Vpp, Vrms"),
+        ("Scheitelspannung (V)", "Vp", "Vpp, Vrms"),
+        ("V_max", "Vp", "Vpp, Vrms"),
+        ("Max voltage (V)", "Vp", "Vpp, Vrms"),
+        ("Tension de cr\u00eate (V)", "Vp", "Vpp, Vrms"),
+        ("Effektivspannung (V)", "Vrms", "Vpp, Vp"),
+        ("Generator level (V)", "Vpp", "Vp, Vrms"),
+    ],
+)
+def test_the_first_way_to_count_volts_is_the_one_that_the_heading_speaks_for(
+    heading: str, first: str, others: str, tmp_path: Path
+) -> None:
+    asked = refused(tmp_path, f"Frequency (Hz);{heading};Range (um)\n1200;20;76\n1300;20;75\n")
+    assert f"{heading}=amplitude_v:{first}" in asked and f", or {others}, as it is" in asked

@@ -395,14 +395,15 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
     known = all_headings(head)
     for column in missing_conditions(grid, head, chosen, options, faults):
         sound = [c for c in chosen.unused if not c.mapped and _sounds(grid, head, c, COLUMNS[column])]
-        near = nearest(chosen.unused, head, column) or (sound[0] if len(sound) == 1 else None)
+        ends = [[c for c in chosen.unused if not c.mapped and c.heading.name in called] for called in LEVELS]
+        upper = ends[0] if column == "amplitude_v" and not ends[1] else []
+        near = nearest(chosen.unused, head, column) or next((c[0] for c in (sound, upper) if len(c) == 1), None)
         other = _in_other_unit(chosen, head, column)
         what, remedy = "", f"say {_called(near, head, column)}{f', {AS_IT_STANDS}' if near else ''}"
         if other:
             what, remedy = other
-        ends = [next((c.name for c in chosen.unused if c.heading.name in called), "") for called in LEVELS]
         if column == "amplitude_v" and all(ends):
-            what = f", and {' and '.join(ends)} are the ends of the drive"
+            what = f", and {' and '.join(of[0].name for of in ends)} are the ends of the drive"
             remedy = "give amplitude_v (Vp), half of their difference, and bias_v, their mean"
             remedy = f"{remedy}; of a unipolar waveform the upper one is amplitude_v"
         remedy = f"{remedy}, or --set {example(column)} if held"
@@ -469,12 +470,13 @@ def _called(near: Column | None, head: Head, column: str) -> str:
     if near is None:
         return option("NAME", column, EXAMPLES[column][0])
     unit = head.unit(near.place)
-    if unit is None:
+    upper = near.heading.name in LEVELS[0]
+    if unit is None and not upper:
         return f"{option(near.option, column)} with the unit behind a colon"
-    if column != "amplitude_v" or unit.volts or near.heading.counts:
+    if column != "amplitude_v" or (unit and unit.volts) or near.heading.counts:
         return option(near.option, column)
-    ways = listed(f"{unit.text}{suffix}" for suffix in SUFFIXES.values() if suffix != "pp")
-    return f"{option(near.option, column, f'{unit.text}pp')}, or {ways}, as it is"
+    first, *others = (f"{unit.text if unit else 'V'}{SUFFIXES[way]}" for way in near.heading.ways)
+    return f"{option(near.option, column, first)}, or {listed(others)}, as it is"
 
 
 def _check_unread(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
@@ -557,7 +559,8 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
         other = {"Hz": "kHz", "V": "mV", "um": "mm", "us": "ms", "mm/s": "m/s", "N": "mN", "deg": "rad"}[target]
         what = f"column {column.name} gives no unit"
         if column.column == "amplitude_v" and not (column.heading.counts or options.volts):
-            target, other = f"{target}pp", listed(f"{target}{suffix}" for suffix in (SUFFIXES["peak"], SUFFIXES["rms"]))
+            target, *others = (f"{target}{SUFFIXES[way]}" for way in column.heading.ways)
+            other = listed(others)
         remedy = f"say {option(column.option, column.column, target)}, or another unit such as {other}"
         if column.column in options.held and not column.mapped:
             what = f"{column.column} is given, and column {column.name}, without a unit, may hold it"
@@ -624,6 +627,7 @@ def _volts(
     what = f"column {column.name}: whether volts are zero to peak, peak to peak or RMS is not said"
     remedy = f"say {options.volts_asked}"
     if unit and unit.scale is None:
-        remedy = f"{remedy}, or {option(column.option, column.column, f'{unit.text}pp')}, as it is"
+        way = SUFFIXES[column.heading.ways[0]]
+        remedy = f"{remedy}, or {option(column.option, column.column, f'{unit.text}{way}')}, as it is"
     faults.add(fault(grid, head, what, remedy))
     return None

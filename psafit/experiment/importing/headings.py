@@ -15,10 +15,12 @@ from psafit.experiment.importing.quantities import (
     COUNTED,
     DRIVING,
     GENERIC,
+    LEVELS,
     NEUTRAL,
     PARTS,
     PERIODS,
     QUANTITIES,
+    SPEAKS,
     SPREADS,
     WAVEFORM_NAMES,
     Quantity,
@@ -138,6 +140,18 @@ class Heading:
     def counts(self) -> Volts | None:
         """How its volts are counted, if it is an amplitude, whatever else its name says: ``Generator Vpp``."""
         return None if self.altered else self.volts or _counting(self.name)
+
+    @property
+    def ways(self) -> tuple[Volts, ...]:
+        """How its volts may be counted, what its words speak for first: ``Scheitelspannung``; else peak to peak."""
+        said = _unglued(self.name)
+        every: tuple[Volts, ...] = ("pp", "rms", "peak")
+        named = (v for v in every if any(len(p) > 1 and _without(p, said) != said for p in COUNTED[v]))
+        spoken = [v for v, pattern in SPEAKS.items() if any(map(pattern.fullmatch, said.split()))]
+        both = spoken[:1] if "pp" in spoken else []  # `peak above trough` has a word of another way
+        upper: tuple[Volts, ...] = ("peak",) if self.name in LEVELS[0] else ()
+        counted: tuple[Volts, ...] = (self.volts,) if self.volts else ()
+        return tuple(dict.fromkeys((*counted, *both, *named, *spoken, *upper, "pp", "peak", "rms")))
 
     @property
     def spreads(self) -> bool:

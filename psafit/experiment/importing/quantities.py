@@ -162,6 +162,12 @@ COUNTED: dict[Volts, tuple[str, ...]] = {
         "scheitel", "scheitelwert", "crête", "crete",
     ),
 }  # fmt: skip
+# Words of a heading that speak for a way to count volts, and do not say it for sure.
+SPEAKS: dict[Volts, re.Pattern[str]] = {
+    "pp": re.compile(r"trough|valley|tal|swing"),
+    "peak": re.compile(r"(?:scheitel|spitzen)\w*|[vu]?max|maximum|maximal\w*|crest"),
+    "rms": re.compile(r"effektiv\w*"),
+}
 # What a line that says how volts are counted calls them.
 VOLTAGES = {
     "voltage", "voltages", "volt", "volts", "amplitude", "amplitudes", "spannung", "spannungen", "amplituden",
