@@ -346,3 +346,17 @@ def test_effective_volts_on_a_bias_are_asked_about(text: str, said: dict[str, An
         said["values"] = tuple((n, 0.0 if n == name else v) for n, v in said["values"])
     (table,) = tables(tmp_path, text.replace(";10;", ";0;"), **said)
     assert table.groups[0].amplitude_v[0] == pytest.approx(20 * 2**0.5)
+
+
+def test_thousands_that_another_column_decides_are_asked_about(tmp_path: Path) -> None:
+    text = "Frequency (kHz);Vpp;Range (um)\n1.000;40;76,0\n1.200;40;75,2\n"
+    asked = refused(tmp_path, text)
+    assert "in.csv:2: '1.000' may be 1000 or 1.000, and no other number of its column shows which" in asked
+    assert "say --decimal , if it is 1000, else write all numbers in one way" in asked
+    (table,) = tables(tmp_path, text.replace("kHz", "Hz"), decimal=",")
+    assert table.groups[0].frequency_hz.tolist() == [1000.0, 1200.0]
+    (table,) = tables(tmp_path, text.replace("1.", "1,"))
+    assert table.groups[0].frequency_hz.tolist() == [1000.0, 1200.0]
+    for first in ("1.000,5", "950"):  # shown in the column itself
+        (table,) = tables(tmp_path, text.replace("kHz", "Hz").replace("1.000", first))
+        assert table.groups[0].frequency_hz[1] == 1200.0

@@ -262,7 +262,33 @@ def notation_of(grid: Grid, body: Body, columns: Sequence[Column], options: Opti
         line, cell, *values = two
         what = f"{shown(str(cell))} may be {values[0]:f} or {values[1]:f}, and no other number of the file shows which"
         raise InputError(what, "say --decimal . or --decimal ,", file=grid.file, line=line)
-    return NOTATIONS["," if comma else "."]
+    notation = NOTATIONS["," if comma else "."]
+    for column in columns if point or comma else ():
+        _check_thousands(grid, [(row.line, _cell(row, column)) for row in body.rows], notation)
+    return notation
+
+
+def _check_thousands(grid: Grid, cells: Sequence[tuple[int, Cell]], notation: Notation, digits: int = 3) -> None:
+    """Thousands in a column where no number has decimals, nor so many digits and no mark, may be decimals themselves.
+
+    Raises
+    ------
+    InputError
+        With the first of them.
+    """
+    texts = [(line, cell) for line, cell in cells if isinstance(cell, str)]
+    if not any(mark in cell for _, cell in texts for mark in NOTATIONS if mark != notation.decimal):
+        return
+    read = [(line, cell, *in_both(cell)) for line, cell in texts]
+    two = next(((line, cell) for line, cell, one, other in read if one and other and one.value != other.value), None)
+    whole = any(cell.isdigit() and len(cell) >= digits for _, cell in texts)
+    if two and not whole and all((one is None) == (other is None) for _, _, one, other in read):
+        line, cell = two
+        found = {mark: number.value for mark, n in NOTATIONS.items() if (number := n.number(cell))}
+        mine = found.pop(notation.decimal)
+        what = f"{shown(cell)} may be {mine:f} or {found.popitem()[1]:f}, and no other number of its column shows which"
+        remedy = f"say --decimal {notation.decimal} if it is {mine:f}, else write all numbers in one way"
+        raise InputError(what, remedy, file=grid.file, line=line)
 
 
 def _check_decimals(grid: Grid, body: Body, chosen: Chosen) -> None:
