@@ -17,6 +17,7 @@ from psafit.experiment.plausible import (
     copied_groups,
     disagreeing_groups,
     left_from_example,
+    rescaled_groups,
     suspicious_constants,
     suspicious_facts,
     suspicious_readings,
@@ -114,6 +115,7 @@ def read_experiment(folder: str | Path) -> Experiment:
             *jumps,
             *copied_groups(groups),
             *disagreeing_groups(groups),
+            *rescaled_groups(groups),
         ),
     )
 

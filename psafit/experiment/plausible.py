@@ -237,7 +237,7 @@ def _suspicious_stack(
 def suspicious_readings(group: Group, constants: Constants | None) -> list[str]:
     """Name columns whose scale points to another unit than the column's; a rig may not be known yet."""
     v_max = float(group.amplitude_v.max())
-    found = [*suspicious_conditions(group), *_suspicious_recording(group, v_max)]
+    found = [*suspicious_conditions(group), *_suspicious_settings(group), *_suspicious_recording(group, v_max)]
     for part in group.parts:
         found += _suspicious_part(part, constants, v_max)
     found += [*_suspicious_pairs(group, constants), *_copied_rows(group)]
@@ -310,6 +310,12 @@ def _suspicious_volts(v_max: float, driven: bool) -> list[str]:
         asked = in_another_unit("V", ["kV"], ["mV"], large=False)
         return [f"every amplitude is below 0.1 V (greatest {v_max:g}); {asked}?"]
     return [f"amplitudes reach {v_max:g} V, above 1 kV; {_VOLTS}?"] if v_max > 1000 else []
+
+
+def _suspicious_settings(group: Group) -> list[str]:
+    """What is said of voltages of the drive that all launches have."""
+    settings = {name: float(getattr(group.drive, name)) for name in ("bias_v", "idle_v")}
+    return [f"{name} = {v:g} V, above 1 kV; {_VOLTS}?" for name, v in settings.items() if abs(v) > 1000]
 
 
 def _suspicious_recording(group: Group, v_max: float, shortest_us: float = 1.0, overshoot: float = 1.5) -> list[str]:
@@ -398,6 +404,31 @@ def _spread(part: Group, least: int = 10, factor: float = 10.0) -> list[str]:
     return []
 
 
+def _suspicious_clock(part: Group, late: float = 10.0) -> list[str]:
+    """What the times of a trace say.
+
+    Parameters
+    ----------
+    part : Group
+        Samples of one trace.
+    late : float
+        A trace begins within so many samples of the start of its drive.
+    """
+    if part.time_us is None or part.n_points < 2:
+        return []
+    begin, step = float(part.time_us[0]), float(part.time_us[-1] - part.time_us[0]) / (part.n_points - 1)
+    period = 1e6 / float(part.frequency_hz[0])
+    if begin > late * step:
+        return [
+            f"the trace begins {begin:g} us after the start of the drive, more than {late:g} samples; do its times"
+            " count from there?"
+        ]
+    if step > period and not part.drive.recorded:
+        asked = in_another_unit("us", ["ms"], ["ns"], large=True)
+        return [f"samples are {step:.4g} us apart, and a period of the drive lasts {period:.4g} us; {asked}?"]
+    return []
+
+
 def _suspicious_trace(
     part: Group, most: int = 2000, early: float = 0.1, far: float = 0.5, late: float = 0.9, turned: float = 2.0
 ) -> list[str]:
@@ -416,7 +447,7 @@ def _suspicious_trace(
     """
     if part.time_us is None:
         return []
-    found = []
+    found = _suspicious_clock(part)
     if part.n_points > most:
         every = -(-part.n_points // most)
         found.append(f"{part.n_points} samples; one in {every} says nearly as much, and is fitted in less time")
@@ -528,6 +559,53 @@ def disagreeing_groups(groups: Sequence[Group], least: float = 1.37) -> list[str
             asked = "is the sign of one of them turned?" if ratio < 0 else _factor_asked(factor, first.drive)
             found.append(one_line(f"{second.file}: group {second.id}: {text}; {asked}"))
     return found
+
+
+def rescaled_groups(groups: Sequence[Group], least: int = 5, near: float = 0.01) -> list[str]:
+    """One line for each two groups of the same readings whose volts or frequencies differ by a factor.
+
+    Parameters
+    ----------
+    groups : sequence of Group
+    least : int
+        Groups of fewer readings may be the same by chance.
+    near : float
+        Readings and factors that differ by no more than this part are the same, rounded differently.
+    """
+    found = []
+    for first, second in itertools.combinations(groups, 2):
+        same = (first.drive, first.changed, first.n_points) == (second.drive, second.changed, second.n_points)
+        scales = _scales(first, second, near) if same and first.n_points >= least else {}
+        other = {name: ratio for name, ratio in scales.items() if abs(ratio - 1.0) > near}
+        if len(other) != 1:
+            continue
+        ((name, ratio),) = other.items()
+        factor = max(ratio, 1.0 / ratio)
+        asked = _factor_asked(factor, first.drive) if name == "amplitudes" else "is one of them in another unit?"
+        if name == "frequencies" and abs(factor / math.tau - 1.0) <= near:
+            asked = "is one of them in rad/s?"
+        text = f"readings are those of group {first.id}, and {name} are {ratio:.4g} times those there; {asked}"
+        found.append(one_line(f"{second.file}: group {second.id}: {text}"))
+    return found
+
+
+def _scales(first: Group, second: Group, near: float) -> dict[str, float]:
+    """Frequencies and amplitudes of the second group over those of the first, of the same readings.
+
+    Empty where readings are others, or where these ratios vary.
+    """
+    one, two = (
+        np.column_stack([g.measured, g.frequency_hz, g.amplitude_v, g.reading])[
+            np.lexsort((g.reading, g.amplitude_v, g.frequency_hz, g.measured))
+        ].T
+        for g in (first, second)
+    )
+    same = np.array_equal(one[0], two[0]) and bool((np.abs(two[3] - one[3]) <= near * np.abs(one[3])).all())
+    if not (same and one[3].any() and one[2].all() and two[2].all()):
+        return {}
+    ratios = {name: two[k] / one[k] for k, name in ((1, "frequencies"), (2, "amplitudes"))}
+    steady = all(float(np.ptp(each)) <= near * float(each.min()) for each in ratios.values())
+    return {name: float(np.median(each)) for name, each in ratios.items()} if steady else {}
 
 
 def _factor_asked(factor: float, drive: Drive) -> str:

@@ -295,3 +295,55 @@ def test_a_step_by_a_bias_launches_at_no_amplitude() -> None:
     for bias, warned in ((20.0, False), (0.0, True)):
         found = suspicious_readings(Group("1", Drive("square", bias_v=bias), "1.csv", f, v, y), None)
         assert any("at 0 V" in said for said in found) is warned
+
+
+@pytest.mark.parametrize("name", ["bias_v", "idle_v"])
+def test_a_voltage_of_all_launches_beyond_any_stack_is_named(name: str, tmp_path: Path) -> None:
+    keys = {"bias_v": 0.0, "idle_v": 0.0, name: 1e4}
+    lines = "".join(f"\n{key} = {value}" for key, value in keys.items())
+    warnings = read_experiment(write(tmp_path, TOML.replace('waveform = "sine"', f'waveform = "sine"{lines}'))).warnings
+    (said,) = (w for w in warnings if "above 1 kV" in w)
+    assert f"group 1: {name} = 10000 V, above 1 kV; given in V and taken for kV" in said
+
+
+@pytest.mark.parametrize(
+    ("hertz", "volts", "said"),
+    [
+        (1.0, 2.0, "amplitudes are 2 times those there; are volts of one of them peak to peak?"),
+        (1.0, 0.70711, "amplitudes are 0.7071 times those there; are volts of one of them RMS?"),
+        (math.tau, 1.0, "frequencies are 6.283 times those there; is one of them in rad/s?"),
+        (1e-3 * 25, 1.0, "frequencies are 0.025 times those there; is one of them in another unit?"),
+        (2.0, 2.0, ""),
+        (1.0, 1.005, ""),
+    ],
+)
+def test_groups_of_the_same_readings_at_other_conditions_are_named(
+    hertz: float, volts: float, said: str, tmp_path: Path
+) -> None:
+    toml = TOML.replace('waveform = "square"', 'waveform = "sine"')
+    rows = [(800, 20, 60), (1200, 20, 76), (1700, 25, 55), (2400, 20, 41), (3500, 20, 29)]
+    first, other = (
+        HEADER + "".join(f"{f * h:.6g},{v * u:.6g},{r}\n" for f, v, r in rows) for h, u in ((1, 1), (hertz, volts))
+    )
+    warnings = [w for w in read_experiment(write(tmp_path, toml, first, other)).warnings if "readings are those" in w]
+    assert [w.endswith(f": readings are those of group 1, and {said}") for w in warnings] == [True] * bool(said)
+    measured = other.replace(",76", ",70")
+    warnings = [*read_experiment(write(tmp_path, toml, first, measured)).warnings]
+    assert not any("readings are those" in w for w in warnings)
+
+
+@pytest.mark.parametrize(
+    ("shift", "scale", "said"),
+    [
+        (500, 1, "begins 500 us after the start of the drive, more than 10 samples; do its times count from there?"),
+        (1e6, 1, "begins 1e+06 us after the start of the drive, more than 10 samples"),
+        (0, 1e3, "samples are 1e+04 us apart, and a period of the drive lasts 833.3 us; given in us and taken for ms"),
+        (90, 1, ""),
+    ],
+)
+def test_the_clock_of_a_trace_is_asked_about(shift: float, scale: float, said: str, tmp_path: Path) -> None:
+    head, *rows = traced(1).splitlines()
+    moved = ((float(t) * scale + shift, y) for t, y in (row.split(",") for row in rows))
+    trace = "\n".join([head, *(f"{t:.10g},{y}" for t, y in moved)]) + "\n"
+    warnings = read_experiment(write(tmp_path, TRACED, a=trace)).warnings
+    assert [said in w for w in warnings] == [True] * bool(said)
