@@ -269,6 +269,15 @@ def suspicious_conditions(group: Group, least: int = 5) -> list[str]:
     return found
 
 
+def is_usual(column: str, value: float) -> bool:
+    """Whether the greatest number of a condition or a reading, in psafit's unit, is one that such rigs have."""
+    if column == "frequency_hz":
+        return not _suspicious_hertz(value)
+    if column == "amplitude_v":
+        return not _suspicious_volts(value, driven=True)
+    return all(o.usual[0] <= value <= o.usual[1] for o in OBSERVABLES if o.column == column)
+
+
 def _suspicious_hertz(f_max: float) -> list[str]:
     """What the greatest frequency says."""
     if f_max <= 50:  # below this a stack hardly moves the ball, and kHz values end here

@@ -353,10 +353,12 @@ def test_thousands_that_another_column_decides_are_asked_about(tmp_path: Path) -
     asked = refused(tmp_path, text)
     assert "in.csv:2: '1.000' may be 1000 or 1.000, and no other number of its column shows which" in asked
     assert "say --decimal , if it is 1000, else write all numbers in one way" in asked
-    (table,) = tables(tmp_path, text.replace("kHz", "Hz"), decimal=",")
+    (table,) = tables(tmp_path, text.replace("kHz", "Hz"))  # 1 Hz drives no ball
     assert table.groups[0].frequency_hz.tolist() == [1000.0, 1200.0]
     (table,) = tables(tmp_path, text.replace("1.", "1,"))
     assert table.groups[0].frequency_hz.tolist() == [1000.0, 1200.0]
     for first in ("1.000,5", "950"):  # shown in the column itself
-        (table,) = tables(tmp_path, text.replace("kHz", "Hz").replace("1.000", first))
-        assert table.groups[0].frequency_hz[1] == 1200.0
+        (table,) = tables(tmp_path, text.replace("1.000", first))
+        assert table.groups[0].frequency_hz[1] == 1.2e6
+    asked = refused(tmp_path, "Frequency (Hz);Vpp;Range (um)\n1200,0;40;1.076\n1300,0;40;1.075\n")
+    assert "'1.076' may be 1076 or 1.076" in asked

@@ -29,6 +29,7 @@ from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, in
 from psafit.experiment.importing.over_time import OF_DAY
 from psafit.experiment.importing.quantities import COLUMNS, VOLTS, Volts, words
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
+from psafit.experiment.plausible import is_usual
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.table import CellFault, RowFaults, within
 from psafit.experiment.text import shown
@@ -264,31 +265,41 @@ def notation_of(grid: Grid, body: Body, columns: Sequence[Column], options: Opti
         raise InputError(what, "say --decimal . or --decimal ,", file=grid.file, line=line)
     notation = NOTATIONS["," if comma else "."]
     for column in columns if point or comma else ():
-        _check_thousands(grid, [(row.line, _cell(row, column)) for row in body.rows], notation)
+        _check_thousands(grid, body, column, notation)
     return notation
 
 
-def _check_thousands(grid: Grid, cells: Sequence[tuple[int, Cell]], notation: Notation, digits: int = 3) -> None:
+def _check_thousands(grid: Grid, body: Body, column: Column, notation: Notation, digits: int = 3) -> None:
     """Thousands in a column where no number has decimals, nor so many digits and no mark, may be decimals themselves.
 
     Raises
     ------
     InputError
-        With the first of them.
+        With the first of them, unless thousands are what such rigs have, and those decimals are not.
     """
-    texts = [(line, cell) for line, cell in cells if isinstance(cell, str)]
+    texts = [(row.line, cell) for row in body.rows if isinstance(cell := _cell(row, column), str)]
     if not any(mark in cell for _, cell in texts for mark in NOTATIONS if mark != notation.decimal):
         return
     read = [(line, cell, *in_both(cell)) for line, cell in texts]
     two = next(((line, cell) for line, cell, one, other in read if one and other and one.value != other.value), None)
     whole = any(cell.isdigit() and len(cell) >= digits for _, cell in texts)
-    if two and not whole and all((one is None) == (other is None) for _, _, one, other in read):
-        line, cell = two
-        found = {mark: number.value for mark, n in NOTATIONS.items() if (number := n.number(cell))}
-        mine = found.pop(notation.decimal)
-        what = f"{shown(cell)} may be {mine:f} or {found.popitem()[1]:f}, and no other number of its column shows which"
-        remedy = f"say --decimal {notation.decimal} if it is {mine:f}, else write all numbers in one way"
-        raise InputError(what, remedy, file=grid.file, line=line)
+    if not two or whole or any((one is None) != (other is None) for _, _, one, other in read):
+        return
+    line, cell = two
+    found = {mark: number for mark, n in NOTATIONS.items() if (number := n.number(cell))}
+    mine, other = (found[mark] for mark in sorted(found, key=lambda mark: mark != notation.decimal))
+    usual = [is_usual(column.column, float(n.value * _factor_of(n, column))) for n in (mine, other)]
+    if usual == [True, False]:
+        return
+    what = f"{shown(cell)} may be {mine.value:f} or {other.value:f}, and no other number of its column shows which"
+    remedy = f"say --decimal {notation.decimal} if it is {mine.value:f}, else write all numbers in one way"
+    raise InputError(what, remedy, file=grid.file, line=line)
+
+
+def _factor_of(number: Number, column: Column) -> Decimal:
+    """The factor of a number's own unit, or its column's; 1 where there is none."""
+    said = number.unit or column.unit
+    return (said.factor(COLUMNS[column.column].unit) if said and column.column in COLUMNS else None) or Decimal(1)
 
 
 def _check_decimals(grid: Grid, body: Body, chosen: Chosen) -> None:
