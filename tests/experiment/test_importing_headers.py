@@ -10,7 +10,8 @@ import pytest
 from commands import run
 from imported import refused, tables
 
-from psafit.experiment.importing import Mapping, Table
+from psafit.errors import InputError
+from psafit.experiment.importing import Mapping, Options, Table, read_files
 from psafit.experiment.importing.units import Unit, scaled
 
 SWEEP = "Frequency (Hz);Vp;Range (um)\n1000;3;31\n"
@@ -106,6 +107,9 @@ def test_the_time_of_the_first_sample_is_not_left_out(
     (table,) = tables(tmp_path, text, **HELD, start_us=30.0, **said)
     time, motion = table.groups[0].time_us, table.groups[0].reading
     assert time is not None and time[0] == 0.0 and motion[:2].tolist() == pytest.approx([0.01, 0.04])
+    assert table.above == ()
+    (table,) = tables(tmp_path, text, **HELD, start_us=10.0, **said)
+    assert [remedy for *_, remedy in table.above] == ["say --start=40:us where yours is on that clock"]
     for origin in ("-3e-05", "-0,00003"):
         text = text.replace(origin, "0")
     (table,) = tables(tmp_path, text, **HELD, start_us=0.0, **said)
@@ -190,3 +194,20 @@ def test_a_line_above_a_trace_that_names_another_value_is_asked_about(line: str,
         assert f"names another {name} than --set" in asked and f"correct --set {name}, or that line" in asked
     else:
         assert tables(tmp_path, f"{line}\n{TRACE}", **said)[0].groups[0].amplitude_v[0] == 20.0
+
+
+def test_a_sheet_of_another_waveform_is_asked_about(tmp_path: Path) -> None:
+    from openpyxl import Workbook
+
+    book = Workbook()
+    book.active.title = "Square"
+    for row in (("Frequency (kHz)", "Vpp", "Range (um)"), (1.2, 40, 19), (1.3, 40, 18)):
+        book.active.append(row)
+    file = tmp_path / "in.xlsx"
+    book.save(file)
+    with pytest.raises(
+        InputError, match="sheet 'Square' names a waveform, and --waveform sine is given; say --waveform s"
+    ):
+        read_files([file], Options(waveforms=("sine",)))
+    for waveform in ("square", "unipolar_square"):
+        assert read_files([file], Options(waveforms=(waveform,)))[0].groups

@@ -41,7 +41,7 @@ from psafit.experiment.importing.layout import (
 from psafit.experiment.importing.matters import above, check_trigger
 from psafit.experiment.importing.numerals import is_number
 from psafit.experiment.importing.order import check_order
-from psafit.experiment.importing.origin import check_origin
+from psafit.experiment.importing.origin import check_origin, unread_origin
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, QUANTITIES, SEPARATORS, SUFFIXES
 from psafit.experiment.importing.recorded import recorded
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
@@ -383,7 +383,7 @@ def _table(
         labelled=tuple(_labelled(chosen, rows.rows)),
         errors=tuple(_errors(chosen, head)),
         not_yet=tuple((c.title, c.column) for c in chosen.not_yet),
-        above=tuple(above(grid, head, chosen, options)),
+        above=(*above(grid, head, chosen, options), *unread_origin(grid, head, chosen, options)),
         left_out=rows.left_out,
         groups=(),
     )

@@ -58,7 +58,7 @@ class _Line:
 
 
 def check_above(grid: Grid, head: Head, chosen: Chosen, shape: str, options: Options) -> None:
-    """No line above the headings names another waveform, another count of volts, or another value of what was held.
+    """No sheet and no line above the headings names another waveform, count of volts, or value of what was held.
 
     Parameters
     ----------
@@ -72,9 +72,14 @@ def check_above(grid: Grid, head: Head, chosen: Chosen, shape: str, options: Opt
     Raises
     ------
     InputError
-        With each line that does.
+        With each that does.
     """
     faults = Faults()
+    named = named_waveform(heading(grid.sheet)) if grid.sheet and not chosen.recorded(options) else ""
+    if named and shape not in ("", TABLE) and named != shape.removeprefix("unipolar_"):
+        what = f"sheet {shown(grid.sheet)} names a waveform, and --waveform {shape} is given"
+        remedy = f"say --waveform {named}, of several tables one for each, or give the sheet another name"
+        faults.add(InputError(what, remedy, file=grid.file, line=head.line or 1))
     for said in _lines(grid, head):
         for what, remedy in (*_waveform(said, shape), *_counted(said, chosen), *_held(said, chosen, shape, options)):
             faults.add(InputError(f"{shown(said.text)} {what}", remedy, file=grid.file, line=said.line))

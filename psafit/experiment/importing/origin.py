@@ -35,8 +35,7 @@ def check_origin(grid: Grid, head: Head, chosen: Chosen, found: Sequence[Reading
     InputError
         Where the first sample has another time than the one that is named.
     """
-    counted = grid.counts is not None or any(c.unit and c.unit.scale is not None for c in chosen.of(TIME))
-    if options.start_us or not counted or not found:
+    if options.start_us or not _is_counted(grid, chosen) or not found:
         return
     first = Decimal(repr(min(dict(r.values)[TIME] for r in found)))
     for line, text, origin in _origins(grid, head):
@@ -44,6 +43,19 @@ def check_origin(grid: Grid, head: Head, chosen: Chosen, found: Sequence[Reading
             what = f"{shown(text)} is the time of the first sample, and times count from that sample"
             remedy = f"say --start={start.normalize():f}:us if the drive starts at 0 of that clock, or write 0 into the"
             raise InputError(what, f"{remedy} file if it starts with that sample", file=grid.file, line=line)
+
+
+def unread_origin(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Iterator[tuple[int, str, str]]:
+    """What gives the first sample another time, where the start that is given is not 0 of it: line, text and remedy."""
+    start = Decimal(repr(options.start_us or 0.0))
+    for line, text, origin in _origins(grid, head) if start and _is_counted(grid, chosen) else ():
+        if origin and start != -origin:
+            yield line, text, f"say --start={(start - origin).normalize():f}:us where yours is on that clock"
+
+
+def _is_counted(grid: Grid, chosen: Chosen) -> bool:
+    """Whether times are counts of samples."""
+    return grid.counts is not None or any(c.unit and c.unit.scale is not None for c in chosen.of(TIME))
 
 
 def _origins(grid: Grid, head: Head) -> Iterator[tuple[int, str, Decimal]]:
@@ -72,4 +84,4 @@ def _origin(line: int, text: str) -> Iterator[tuple[int, str, Decimal]]:
         yield line, " ".join(text.replace("=", " = ").split()), numbers.pop() * factor
 
 
-__all__ = ["check_origin"]
+__all__ = ["check_origin", "unread_origin"]
