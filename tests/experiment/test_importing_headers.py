@@ -159,6 +159,7 @@ def test_what_a_line_says_as_well_is_not_asked_about(tmp_path: Path) -> None:
         ("Range in mm", "'Range (um)=launch_range_um:mm'"),
         ("Frequency in Hz", "'Frequency (kHz)=frequency_hz:Hz'"),
         ("Frequency: 2 kHz", "correct frequency_hz in the rows"),
+        ("Unipolar drive, from zero", "say --waveform unipolar_sine"),
         ("CH1 inverted", "turn the sign"),
         ("Inverted output: on", "turn the sign"),
         ("Magnification: 10x", "as they are at the rig"),

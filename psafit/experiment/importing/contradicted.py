@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import takewhile
 
-from psafit.drives import TABLE, Drive
+from psafit.drives import TABLE, WAVEFORMS, Drive
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.chosen import SETTINGS, Chosen, Column, option
 from psafit.experiment.importing.grid import Grid, Row
@@ -91,6 +91,8 @@ def unread(grid: Grid, head: Head, chosen: Chosen, shape: str) -> Iterator[tuple
     known = {name for c in chosen.columns for name in (c.column, *(a.column for a in c.at))}
     for said in _lines(grid, head):
         named = next(iter(said.waveforms), "") or named_waveform(heading(said.text))
+        if "unipolar" in words(said.text).split() and f"unipolar_{shape}" in WAVEFORMS:
+            named = f"unipolar_{shape}"
         other = next(filter(None, (_in_other_unit(said, c) for c in chosen.columns)), "")
         of = next((n for n in CONDITION_COLUMNS if n in known and said.value and _is_of(said, n)), "")
         if named and named != shape and shape != TABLE:
