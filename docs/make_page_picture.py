@@ -37,7 +37,7 @@ def draw(page_file: Path, file: Path) -> None:
     executable = next(filter(None, map(shutil.which, names)), None)
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=executable)
-        page = browser.new_page(viewport={"width": 1240, "height": 1640})
+        page = browser.new_page(viewport={"width": 1240, "height": 1500})
         page.goto(page_file.resolve().as_uri())
         page.add_style_tag(content="body { padding: 0 28px !important }")
         for number, (selector, edge) in enumerate(MARKED, 1):

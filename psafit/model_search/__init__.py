@@ -82,13 +82,13 @@ def search_models(
 
         fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts, doing)
 
-        def likely(found: Searched[Fitted]) -> tuple[Ids, ...]:
+        def decisive(found: Searched[Fitted]) -> tuple[Ids, ...]:
             latest[:] = [rank(found, believed, settings, partial(fitter.effects, found.models))]
-            return latest[0].likely
+            return latest[0].decisive
 
         with closing(fitter):
             search(
                 [t.id for t in catalogue], fitter, lambda ids: log_prior(ids, believed), settings,
-                starts=[c.ids for c in starts], passes=tested, decisive=likely, progress=reached,
+                starts=[c.ids for c in starts], passes=tested, decisive=decisive, progress=reached,
             )  # fmt: skip
             return latest[0]  # of what was found in the end

@@ -365,8 +365,7 @@ def search(
     passes : callable
         Asked of one or two causes that lead, where others show, and of what leads in the end.
     decisive : callable
-        Sets that are probable enough to be reported for it. Asked in the end; those that were not sampled are, and the
-        search goes on.
+        Sets on which the answer rests. Asked in the end; those that were not sampled are, and the search goes on.
     """
     settings = settings or SearchSettings()
     known = _Known(catalogue, fitter, log_prior, settings)

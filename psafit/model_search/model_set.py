@@ -144,6 +144,13 @@ class ModelSet:
         """Sets that have so much probability that the others alone would be no answer."""
         return tuple(ids for ids, p in self.probability.items() if p >= 1 - CREDIBLE)
 
+    @property
+    def decisive(self) -> tuple[Ids, ...]:
+        """Sets on which a verdict rests: those that are likely, and the first of a tie that estimates alone make."""
+        tied = self.needed(self.best_model.ids) if self.best_model.ids else ()
+        first = () if any(ids in self.samples for ids in tied) else tied[:1]
+        return tuple(dict.fromkeys((*self.likely, *first)))
+
     def draws(self, ids: Ids, seed: int) -> ImportanceSample:
         """Posterior draws of a model; worked out for one that the search did not sample."""
         return self.samples[ids] if ids in self.samples else importance_sample(self.of(ids), seed=seed)

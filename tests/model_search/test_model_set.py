@@ -167,6 +167,17 @@ def test_what_is_named_was_sampled() -> None:
     assert found.looked_at.mass_not_looked_at > 0.9
 
 
+def test_a_tie_does_not_rest_on_estimates_alone() -> None:
+    evidence = {(): 0.0, ("a",): 20.0, ("b",): 16.5, ("c",): 16.4, ("d",): 16.3}
+    found = ranked(evidence, {(): 0.0, ("a",): 0.0})
+    assert found.probability["a",] < 0.95 and found.needed(("a",))[0] == ("b",)
+    assert found.decisive == (("a",), ("b",))
+    # With one that was sampled the tie is real; without a tie, and of a baseline, nothing is asked.
+    assert ranked(evidence, {(): 0.0, ("a",): 0.0, ("b",): 0.9}).decisive == (("a",),)
+    assert ranked({(): 0.0, ("a",): 20.0, ("b",): 6.0}, {(): 0.0, ("a",): 0.0}).decisive == (("a",),)
+    assert ranked({(): 0.0, **{(id,): -0.5 for id in "abc"}}, {(): 0.0}).decisive == ((),)
+
+
 def test_a_set_that_cannot_be_drawn_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     def draw(self: ModelSet, ids: Ids, seed: int) -> str:
         if ids == ("b",):

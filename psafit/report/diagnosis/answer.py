@@ -117,7 +117,8 @@ def first_screen(result: Diagnosis, beliefs: Sequence[Belief] = (), together: in
         if statements := found.get(topic):
             head = Markup("<strong>{}</strong> ").format(question) if question else Markup("")
             judged = [Markup(_JUDGED[s.adequate]) for s in statements if isinstance(s, Judged)]
-            said = [escape(s.say(PAGE)) for s in statements]
+            texts = [escape(s.say(PAGE)) for s in statements]
+            said = [text[:1].upper() + text[1:] for text in texts]  # a cause's title may begin it
             first, points = Markup(" ").join([*judged, *said[:together]]), tuple(said[together:])
             link = Markup(" <a href='#next'>More</a>") if topic == "next" else ""
             paragraphs.append(Paragraph(head + first + link, points))
