@@ -829,9 +829,9 @@ def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, r
 def _scale(slow_ones, ends, usual):  # type: ignore[no-untyped-def]
     """Speed that errors are relative to behind some of the contact's ends, and whether it grows with the ball's."""
     reference, grows = usual, True
-    for k in range(len(slow_ones[0])):
-        if slow_ones[0][k] > ends:
-            reference, grows = min(reference, slow_ones[1][k]), False
+    for k in range(len(slow_ones)):
+        if slow_ones[k, 0] > ends:
+            reference, grows = min(reference, slow_ones[k, 1]), False
     return reference, grows
 
 
@@ -1028,7 +1028,7 @@ def _one_set(  # type: ignore[no-untyped-def]
         np.empty(_MOST_BRANCHES),
     )  # fmt: skip
     point = np.empty(COMMAND)
-    slow_end, slow_speed = np.empty(how.most_runs, np.int64), np.empty(how.most_runs)
+    slow_ones = np.empty((how.most_runs, 2))
     for j in range(len(points)):
         driven(points[j], rig.scale, rig.idle, point)
         if point[REACH] == 0.0 or not wanted[j]:
@@ -1038,16 +1038,17 @@ def _one_set(  # type: ignore[no-untyped-def]
         seen[j] = math.nan
         usual = how.usual_part * _usual_speed(rig, theta_at, point, calls, nodes[0])
         total_steps = 0
-        for k in range(len(slow_end)):
+        slow_ones[:] = 0.0
+        for k in range(how.most_runs):
             outcome, t, v, x, top, end, count = _fly(
-                rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, (slow_end[:k], slow_speed[:k]),
-                forced, (moments[j], tipped, seen[j]),
+                rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, slow_ones, forced,
+                (moments[j], tipped, seen[j]),
             )  # fmt: skip
             total_steps += count
             if outcome != _TOO_SLOW:
                 break
-            slow_end[k] = end
-            slow_speed[k] = max(v, how.rounding * rig.q * point[REACH] * point[FREQUENCY] / tolerance)
+            slow_ones[k, 0] = end
+            slow_ones[k, 1] = max(v, how.rounding * rig.q * point[REACH] * point[FREQUENCY] / tolerance)
         when[j], speed[j], place[j], status[j], peak[j], steps[j] = t, v, x, outcome, top, total_steps
 
 
