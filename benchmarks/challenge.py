@@ -20,6 +20,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 from outside import OUTSIDE
 
 from psafit.challenge import Sizes
+from psafit.challenge.answer import KINDS
 from psafit.challenge.campaign import load, plan, run
 from psafit.challenge.score import score
 from psafit.cli.common import BAD_INPUT, CHECK_FAILED, DONE
@@ -55,6 +56,7 @@ def campaign(words: argparse.Namespace) -> int:
         jobs=words.jobs,
         scheduler=words.scheduler,
         limit=words.limit,
+        kinds=words.kinds,
         command=portable_command(["python", *command]),
         progress=reported,
     )
@@ -93,6 +95,7 @@ def main() -> int:
     parser.add_argument("--seed", type=seed, default=1)
     parser.add_argument("--jobs", type=positive, default=2, help="processes")
     parser.add_argument("--limit", type=positive, help="only the first so many data sets of the plan")
+    parser.add_argument("--kinds", nargs="*", default=[], choices=KINDS, help="only data sets of these kinds")
     parser.add_argument("--out", type=Path, default=Path("fits/challenge"))
     parser.add_argument("--experiment", type=Path, default=Path("experiments/psa"), help="whose design is simulated")
     parser.add_argument("--designs", type=int, default=Sizes.designs, help="one in so many has a drawn design; 0: none")

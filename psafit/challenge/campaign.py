@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -334,6 +334,7 @@ def run(
     jobs: int = 2,
     scheduler: str | None = None,
     limit: int | None = None,
+    kinds: Collection[Kind] = (),
     command: str = "",
     progress: Callable[[int, int, str], None] = lambda done, total, note: None,
 ) -> list[Result]:
@@ -354,6 +355,8 @@ def run(
         Address of a Dask scheduler that shares the work out instead (extra ``psafit[cluster]``).
     limit : int, optional
         Run no more than the first so many of the plan; a later run goes on with the others.
+    kinds : collection of str
+        Run those of these kinds alone; all by default.
     command : str
         Kept in `campaign.json`.
     progress : callable
@@ -377,7 +380,7 @@ def run(
         results = folder / RESULTS
         results.mkdir(parents=True, exist_ok=True)
         remove_temporaries(results)
-        wanted = specs if limit is None else specs[:limit]
+        wanted = [spec for spec in specs if not kinds or spec.kind in kinds][:limit]
         done = {spec.id: found for spec in wanted if (found := _read(folder, spec)) and found.status == "done"}
         left = [spec for spec in wanted if spec.id not in done]
         progress(len(done), len(wanted), "")

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -124,6 +125,9 @@ def test_a_short_campaign_is_part_of_the_whole(known: Experiment, tmp_path: Path
     specs = given(plan(4, **SMALL))
     first, rest = Counting(), Counting()
     assert len(run(specs, tmp_path, design_of=known, diagnose=first, jobs=1, limit=1)) == 1
+    more = [replace(specs[0], id="one", kind="one"), *specs]
+    found = run(more, tmp_path / "kind", design_of=known, diagnose=deaf, jobs=1, kinds=["nothing"])
+    assert [result.spec for result in found] == specs
     assert len(run(specs, tmp_path, design_of=known, diagnose=rest, jobs=1)) == 3
     assert (len(first.seeds), len(rest.seeds)) == (1, 2)
 
