@@ -839,11 +839,9 @@ def _scale(slow_ones, ends, usual):  # type: ignore[no-untyped-def]
 def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, slow_ones, forced, trace):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     """Follow one trajectory to the launch, and beyond where a trace (moments, whether of the tip, what is seen) does.
 
-    `slow_ones` are slow launches that runs before took for the one that counts: which of the contact's ends each was,
-    and the speed that errors until then are relative to.
-
-    Returns (outcome, time, speed of the ball, its place, highest force until then, which of the contact's ends it was,
-    steps taken); the place is the highest where it is not launched.
+    `slow_ones` are launches that runs before found too slow: which of the contact's ends each was, and the speed that
+    errors until then are relative to. Returns (outcome, time, speed of the ball, its place, highest force until then,
+    which of the contact's ends it was, steps taken); the place is the highest where it is not launched.
     """
     k_c, c_s, c_c, m, ball, k_s, q = rig.k_c, rig.c_s, rig.c_c, rig.m, rig.M, rig.k_s, rig.q
     length, g, phase, lag, inverse_slew = rig.l, rig.g, rig.phase, rig.lag, rig.inverse_slew
@@ -858,7 +856,6 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
         return NO_SEPARATION, math.nan, 0.0, 0.0, math.nan, 0, 0
     f = point[FREQUENCY]
     settled = _settled(q, point[IDLE], theta_at, calls, mem_z, mem_u)
-
     press, grip, release = ball * g * lean / length, ball * hold, -bond / k_c
     # Friction holds the ball until a force exceeds its grip; then `opposed` opposes the motion, in its direction.
     stuck, way, opposed = grip > 0.0, 0.0, press
@@ -867,9 +864,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
     v1 = v2 = w = vw = lost_d = lost_v2 = 0.0  # the last two: what the sums lack of speed and indentation
     t = piece[_drive.BEGIN]
     rest, highest, peak, separated_once = x2, 0.0, 0.0, False
-    tip_rest, watched = x1, 0
-    last_time, last_speed, last_place, last_peak, last_end, ends = math.nan, 0.0, 0.0, 0.0, 0, 0
-    last_reference = 0.0
+    tip_rest, watched, ends, launch = x1, 0, 0, (math.nan, 0.0, 0.0, 0.0, 0, 0.0)
     waiting = max(point[LENGTH] + HORIZON_PERIODS / f, _last_of(trace))
     horizon = max(waiting, min(4.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
     window = cycles / f  # until when a launched ball may be struck again
@@ -962,28 +957,24 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
                 highest = highest if separated_once else max(highest, x2 - rest)
                 if separated_once and regime == FREE:
                     break  # the hop is over
-                v2 = lost_v2 = 0.0
-                w = v1
+                v2, lost_v2, w = 0.0, 0.0, v1
                 values, _ = basis(cut)
                 stuck, way, opposed = _held(0.0 if regime == FREE else kappa * total(values * F), press, grip)
             elif event == _TEARS:
-                stuck = False
-                opposed = press + way * grip
+                stuck, opposed = False, press + way * grip
             else:
                 if event == _ENDS and regime == FREE and separated_once and t > window:
                     break
                 regime, d = _regime_after(event, regime, d, w, bond, pull, release, law)
-                ends += 1 if regime == FREE else 0
+                ends += regime == FREE
                 if regime == FREE and v2 > still:
-                    separated_once = True
-                    last_time, last_speed, last_place, last_peak, last_end = t, v2, x2 - rest, peak, ends
-                    last_reference = reference
+                    separated_once, launch = True, (t, v2, x2 - rest, peak, ends, reference)
                     if cycles == 0.0:
                         break
                     # Beyond the apex the hop is over: what strikes the ball then is another launch.
                     window = cycles / f if opposed <= 0.0 else min(cycles / f, t + v2 * ball / opposed)
                 if regime == FREE and not grows:
-                    # Resolved, a slow launch may turn out to be none, and a faster one may follow.
+                    # Resolved, a slow launch may be none, and a faster one may follow.
                     reference, grows = _scale(slow_ones, ends, usual)
         if (separated_once and regime == FREE and t > window) or t > (waiting if regime == FREE else horizon):
             break
@@ -991,9 +982,9 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
     _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, settled, trace, tip)
     if separated_once:
         # Of the launch that counts alone: the next impact makes up for one before it that was slow.
-        slow = last_speed < how.slow * last_reference and tolerance * last_reference > still
-        outcome = _TOO_SLOW if slow and step < how.most_steps - 1 else LAUNCHED
-        return outcome, last_time, last_speed, last_place, last_peak, last_end, step
+        when, speed, place, top, end, scale = launch
+        slow = speed < how.slow * scale and tolerance * scale > still and step < how.most_steps - 1
+        return _TOO_SLOW if slow else LAUNCHED, when, speed, place, top, end, step
     return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), math.nan, 0, step
 
 
