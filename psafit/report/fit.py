@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from psafit.inference.evidence import TRUSTED
 from psafit.inference.identify import one_sided
@@ -234,7 +235,8 @@ def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     head = Markup("<strong>What is wrong?</strong>")
     said = [head, trend, *_on_all_readings(validation), _what_is_not_determined(run), *_what_is_implausible(run)]
     if lagging := overdamped(run.problem, run.summary.parameters):
-        said.append(Markup("{}.").format(typeset(lagging)))
+        text = re.sub(r"\b[a-z]_[a-z]\b", lambda found: symbol_html(found[0]), escape(typeset(lagging)))
+        said.append(Markup("{}.").format(Markup(text)))
     return Markup(" ").join(said)
 
 

@@ -139,7 +139,7 @@ def test_parameters_agree_with_the_record(page):
         assert ("implausible under the prior" in row) == s.implausible
         assert ("no lower limit" in row) == (s.verdict == "bounded above")
     assert "Implausible: cs lies among the least probable 5 % of its prior" in page.reader.text
-    assert "c_s is beyond critical damping (3300 N s/m)" in page.reader.text
+    assert "cs is beyond critical damping (3300 N s/m)" in page.reader.text
 
 
 def test_first_screen_says_what_it_must(page):
