@@ -78,7 +78,8 @@ class StepSettings(NamedTuple):
     Parameters
     ----------
     most_steps : int
-        After which a trajectory ends: contacts that last for hundreds of periods, and balls that chatter to rest.
+        In excess of the drive's pieces, after which a trajectory ends: contacts that last for hundreds of periods, and
+        balls that chatter to rest.
     most_runs : int
         How often a trajectory is followed, each time with smaller errors, for a launch that was too slow for them.
     iterations : int
@@ -788,11 +789,13 @@ def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, r
     S, T1, T2, _, _, _, _, _, answers = cache
     piece, nodes, _, _, mem_z, mem_u = work
     t, x1, v1, xw, vw, tip_rest, level, watched, new_piece = tip
-    for _ in range(how.most_steps):
+    step, pieces = 0, 0
+    while step < how.most_steps + pieces:
+        step += 1
         if watched == len(moments) or moments[watched] == math.inf:
             break
         if t >= piece[_drive.END]:
-            t, new_piece = _passed(rig, theta_at, rows, point, calls, work), True
+            t, new_piece, pieces = _passed(rig, theta_at, rows, point, calls, work), True, pieces + 1
         if new_piece:
             new_piece = False
             _remember(_drive.voltage(piece, t), q, theta_at, calls, mem_z, mem_u)
@@ -850,8 +853,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
     S, T1, T2, U1, U2, _, _, _, answers = cache
     piece, nodes, bern, stack, mem_z, mem_u = work
     law = (k_c, c_c, calls[0], calls[1], theta_at, nodes[0], nodes[0].ctypes.data)
-    linear = len(calls[0]) == 0
-    split = len(calls[2]) > 0 or len(calls[4]) > 0
+    linear, split = len(calls[0]) == 0, len(calls[2]) > 0 or len(calls[4]) > 0
     if not _drive.first_piece(piece, rows, point, phase, lag, inverse_slew, split):
         return NO_SEPARATION, math.nan, 0.0, 0.0, math.nan, 0, 0
     f = point[FREQUENCY]
@@ -875,9 +877,9 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
     rough = False  # whether the law has spoilt a step across the end of the contact
     carried = False  # whether `kept` holds the force of the step before, ready to be carried on
     new_piece = begun = True  # whether the next step is a piece's first; `first_level` suited the last such
-    fresh = True  # first step after the regime changed
-
-    for step in range(how.most_steps):  # noqa: B007
+    fresh, step, pieces = True, -1, 0  # the first: whether it is the first step after the regime changed
+    while step + 1 < how.most_steps + pieces:
+        step += 1
         if new_piece:
             new_piece, carried, begun = False, False, True
             _remember(_drive.voltage(piece, t), q, theta_at, calls, mem_z, mem_u)
@@ -950,7 +952,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
             level = _grown(level, error)
             begun, first_level = False, level if begun else first_level
             if event == _PIECE:
-                t, new_piece = _passed(rig, theta_at, rows, point, calls, work), True
+                t, new_piece, pieces = _passed(rig, theta_at, rows, point, calls, work), True, pieces + 1
         else:
             carried, fresh, lost_d = False, True, 0.0
             if event == _RESTS:
@@ -983,7 +985,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
     if separated_once:
         # Of the launch that counts alone: the next impact makes up for one before it that was slow.
         when, speed, place, top, end, scale = launch
-        slow = speed < how.slow * scale and tolerance * scale > still and step < how.most_steps - 1
+        slow = speed < how.slow * scale and tolerance * scale > still and step < how.most_steps + pieces - 1
         return _TOO_SLOW if slow else LAUNCHED, when, speed, place, top, end, step
     return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), math.nan, 0, step
 

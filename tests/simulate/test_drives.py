@@ -217,6 +217,22 @@ def test_a_recording_of_a_sine_tends_to_the_sine() -> None:
     assert found[0, 0] == pytest.approx(plain[0, 0], rel=1e-4)
 
 
+def test_a_recording_may_have_more_samples_than_a_trajectory_may_have_steps() -> None:
+    """As many as a file may: its pieces are no sign of a contact that never ends."""
+    for tipped in (False, True):
+        found = []
+        for n in (1_000, 100_000):
+            time = np.linspace(0.0, 2e-3, n)
+            drive = Drive("table", table=Table(time, 10 * (1 - np.cos(2 * math.pi * 500 * time)), True))
+            design = replace(Design.sweep(RIG, drive, 500.0, 20.0), moments=np.array([[1e-3, 1.9e-3]]), tipped=tipped)
+            found.append(simulate(design, [*TRUTH, 1.5], terms(["hertz_exponent"])))
+        few, many = found
+        assert few.launched.all() and many.launch_range == pytest.approx(few.launch_range, rel=1e-4)
+        assert few.motion is not None and many.motion is not None
+        if tipped:
+            assert many.motion[..., 2] == pytest.approx(few.motion[..., 2], rel=1e-3, abs=1e-10)
+
+
 def test_a_voltage_that_only_touches_zero_keeps_its_sign() -> None:
     """Rounding puts the touch on either side of zero; a piece ends where the voltage turns, at once and once."""
     rng = np.random.default_rng(3)
