@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from psafit.drives.drive import Drive, Table
 from psafit.drives.waveform import Piece, Waveform
 
-__all__ = ["NAMES", "TABLE", "WAVEFORMS", "Drive", "Piece", "Table", "Waveform", "instead", "span_of"]
+__all__ = ["NAMES", "TABLE", "WAVEFORMS", "Drive", "Piece", "Table", "Waveform", "instead", "peak_to_peak", "span_of"]
 
 _modules = (importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__))
 WAVEFORMS: dict[str, Waveform] = {m.WAVEFORM.id: m.WAVEFORM for m in _modules if hasattr(m, "WAVEFORM")}
@@ -41,6 +41,12 @@ def span_of(drive: Drive) -> tuple[float, float]:
     """The lowest and the highest command per volt of amplitude; those of a sine where a table is not known."""
     form = WAVEFORMS.get(drive.waveform)
     return form.span if form else drive.table.span if drive.table else (-1.0, 1.0)
+
+
+def peak_to_peak(drive: Drive) -> float:
+    """The command from its lowest to its highest per volt of amplitude; 1 of one that is constant, up from rest."""
+    low, high = span_of(drive)
+    return high - low or 1.0
 
 
 def instead(wrong: str) -> str:

@@ -12,7 +12,7 @@ from importlib.resources import as_file, files
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.drives import WAVEFORMS, Drive, span_of
+from psafit.drives import WAVEFORMS, Drive, peak_to_peak
 from psafit.experiment.records import DEFINITION, Constants, Group
 from psafit.experiment.rig import MATERIALS, Rig, is_rated_stroke
 from psafit.experiment.table import read_csv, readings_of
@@ -619,9 +619,8 @@ def _scales(first: Group, second: Group, near: float) -> dict[str, float]:
 
 def _factor_asked(factor: float, drive: Drive) -> str:
     """What is asked of readings that differ by a factor: how volts are counted, where it is near what that makes."""
-    form, (low, high) = WAVEFORMS.get(drive.waveform), span_of(drive)
+    form, both = WAVEFORMS.get(drive.waveform), peak_to_peak(drive)
     effective = math.sqrt(form.crest_squared or 1.0) if form else 1.0
-    both = high - low
     counted = (
         (effective, "are volts of one of them RMS?"),
         (both, "are volts of one of them peak to peak?"),

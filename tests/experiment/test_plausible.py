@@ -141,6 +141,17 @@ def test_how_volts_may_be_counted_depends_on_the_waveform(
     assert warning.endswith(said)
 
 
+def test_groups_under_a_constant_voltage_are_compared_too(tmp_path: Path) -> None:
+    """Its command goes from nowhere to nowhere: volts are counted the same in every way."""
+    (tmp_path / "period.csv").write_text("phase,level\n" + "".join(f"{k / 8},0.3\n" for k in range(9)))
+    toml = TOML.replace('waveform = "square"', 'waveform = "sine"').replace(
+        'waveform = "sine"', 'waveform = "table"\ndrive = "period.csv"'
+    )
+    csv = [HEADER + f"1200,20,{reading}\n1300,20,45\n" for reading in (50, 100)]
+    warnings = read_experiment(write(tmp_path, toml, csv[0], csv[1].replace("1300", "1400"))).warnings
+    assert any("2 times those of group 1" in w and w.endswith("is one of them in another unit?") for w in warnings)
+
+
 @pytest.mark.parametrize(("column", "plural"), [("launch_speed_mm_s", "speeds"), ("peak_force_n", "forces")])
 def test_groups_whose_speeds_or_forces_differ_are_named(column: str, plural: str, tmp_path: Path) -> None:
     """A time does not grow with the voltage."""

@@ -10,7 +10,7 @@ from statistics import mean
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.drives import TABLE, Drive, Table
+from psafit.drives import TABLE, Drive, Table, peak_to_peak
 from psafit.errors import InputError
 from psafit.experiment.drive_table import level
 from psafit.experiment.importing.chosen import IDLE, VOLTAGE, Chosen
@@ -18,7 +18,7 @@ from psafit.experiment.importing.clock import early, less
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Body, Head, body
 from psafit.experiment.importing.records import Options
-from psafit.experiment.importing.values import Reading, peak_to_peak, readings
+from psafit.experiment.importing.values import Reading, readings
 from psafit.experiment.table import CellFault, RowFaults
 from psafit.experiment.trace_table import TIME, out_of_order
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from itertools import zip_longest
 
-from psafit.drives import TABLE, WAVEFORMS, Drive, instead, span_of
+from psafit.drives import TABLE, WAVEFORMS, Drive, instead, peak_to_peak
 from psafit.errors import InputError
 from psafit.experiment.drive_table import level
 from psafit.experiment.importing.chosen import (
@@ -422,12 +422,6 @@ def peak(volts: Volts, drive: Drive) -> Decimal:
     return Decimal(form.crest_squared).sqrt()
 
 
-def peak_to_peak(drive: Drive) -> float:
-    """The command from its lowest to its highest per volt of amplitude; 1 of one that is constant, up from rest."""
-    low, high = span_of(drive)
-    return high - low or 1.0
-
-
 def groups_of(found: Sequence[Reading]) -> dict[tuple[Drive, str], list[Reading]]:
     """Readings by waveform and label, in the order of the file."""
     parts: dict[tuple[Drive, str], list[Reading]] = {}
@@ -436,4 +430,4 @@ def groups_of(found: Sequence[Reading]) -> dict[tuple[Drive, str], list[Reading]
     return parts
 
 
-__all__ = ["Reading", "groups_of", "known_waveform", "notation_of", "peak", "peak_to_peak", "readings"]
+__all__ = ["Reading", "groups_of", "known_waveform", "notation_of", "peak", "readings"]
