@@ -92,9 +92,11 @@ def main() -> None:
     for case in cases:
         found = [row for row in done if row["case"] == case and row["all"] == given.all]
         rows = [row for row in found if row["right"] is not None]  # the others' cause is too weak in those readings
+        if not rows:
+            continue
         right, named = (sum(row[key] for row in rows) for key in ("right", "named"))
         low, high = binomtest(right, len(rows)).proportion_ci()
-        alone = "" if rows[0]["hidden"] is None else f", {named} named alone first"
+        alone = "" if rows[0]["hidden"] is None else f", {named} named first"
         print(f"{case}: right {right} of {len(rows)} ({100 * low:.0f}-{100 * high:.0f} %){alone}")
 
 

@@ -205,7 +205,8 @@ class Named(Statement):
         what = words.causes(self.causes)
         if self.probability is not None:
             what = words.put("{} (probability {})", what, words.per_cent(self.probability))
-        near = [words.instead(self.causes, r.causes) for r in self.alternatives if not r.by_likelihood]
+        tied = [r.causes for r in self.alternatives if not r.by_likelihood]
+        near = [words.instead(self.causes, causes) for causes in tied]
         unnamed = words.put(" A discrepancy without a name keeps {} of the probability.", words.per_cent(self.unnamed))
         rest = unnamed if self.unnamed >= WORTH_SAYING else ""
         other = self.looked_at.no_other("set of these causes" if self.restricted else "set")
@@ -224,7 +225,6 @@ class Named(Statement):
                 no = words.put(f" {{}} is no explanation: {_NONE[self.left]}.", words.causes(self.causes))
             if not near:
                 return words.put("{} is most probable, but only by its priors.{}{}{}", what, likely, no, rest)
-            tied = [r.causes for r in self.alternatives if not r.by_likelihood]
             held = [id for id in self.causes if all(id in causes for causes in tied)]
             sure = words.put(" All of these sets hold {}.", words.causes(held)) if held else ""
             how = "These readings cannot decide between {} sets of causes: {}; or {}.{}{}{}{}"
