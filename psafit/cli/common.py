@@ -17,7 +17,7 @@ from psafit import plugins
 from psafit.errors import LARGEST_SEED, InputError
 
 if TYPE_CHECKING:
-    from psafit.experiment import Conditions, Experiment, GroupId
+    from psafit.experiment import Experiment, GroupId
     from psafit.physics.term import Term
 
 DONE, CHECK_FAILED, BAD_INPUT = 0, 1, 2
@@ -291,15 +291,6 @@ def write_result(json_file: Path | None, record: Any) -> None:
         from psafit.records import write_json
 
         write_json(json_file, record)
-
-
-def idle(causes: Iterable[Term], groups: Sequence[Conditions]) -> list[str]:
-    """Causes that act on none of some groups' drives, or on launch ranges alone where none is read."""
-    from psafit.observables import LAUNCH_RANGE
-
-    ranged = [g.drive for g in groups if LAUNCH_RANGE in g.observables]
-    drives = [g.drive for g in groups]
-    return [t.id for t in causes if not any(map(t.acts_on, ranged if t.after_launch else drives))]
 
 
 def say_idle(causes: Sequence[str], *, err: bool = False) -> None:

@@ -166,7 +166,8 @@ def diagnose(
 def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: int = 5, least: float = 1e-3) -> None:
     """Print a diagnosis; the beliefs are what the experiment states, or what follows from its rig.
 
-    Of the models it lists `most`, and but for the named one and the baseline none below the probability `least`.
+    It lists the models that are reported and the baseline; of the others none below the probability `least`, and only
+    while it has fewer than `most`.
     """
     from psafit.diagnose.answer import answer
     from psafit.diagnose.answer.findings import Sizes
@@ -180,13 +181,15 @@ def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: in
     if given_named:
         click.echo("  if the truth were in the catalogue:")
     rows: list[tuple[float, list[str]]] = []
-    listed = [c for c in result.causes if c.terms in ([], result.named) or c.probability >= least]
-    for cause in listed[:most]:
+    reported = [result.named, *result.alternatives]
+    for cause in result.causes:
+        share = cause.evidence.share if given_named else cause.probability
+        if cause.terms not in ([], *reported) and (share < least or len(rows) >= most):
+            continue
         gain = f"log likelihood {fixed(cause.evidence.gain, 1, sign=True)} nats over the baseline's"
         head = f"{set_name(cause.terms)}, {gain}" if cause.terms else "no cause"
-        reported = cause.terms == result.named or cause.terms in result.alternatives
-        sizes = _sizes(cause, whole=cause.terms == result.named) if reported else ()
-        rows.append((cause.evidence.share if given_named else cause.probability, [head, *sizes]))
+        sizes = _sizes(cause, whole=cause.terms == result.named) if cause.terms in reported else ()
+        rows.append((share, [head, *sizes]))
     if not given_named and result.reports_unnamed:
         rows.append((result.unnamed, ["a discrepancy without a name"]))
     # What is named stands first, whatever its share.

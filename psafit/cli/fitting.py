@@ -39,6 +39,10 @@ if TYPE_CHECKING:
     from psafit.records import Numerics
 
 
+ENOUGH = 60
+"""Readings from which on a diagnosis has the power that docs/limits.md measures."""
+
+
 @click.command(cls=Command)
 @EXPERIMENT
 @PLUGIN
@@ -57,9 +61,9 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
     content["warnings"] += costly(data, [largest.id])
     write_result(json_file, content)
     if not quiet:
-        click.echo(
-            f"{content['title']}: {count(len(content['groups']), 'group')}, {count(content['n_points'], 'reading')}"
-        )
+        n = content["n_points"]
+        few = "" if n >= ENOUGH else f"; fewer than {ENOUGH} show strong effects only (docs/own-rig.md)"
+        click.echo(f"{content['title']}: {count(len(content['groups']), 'group')}, {count(n, 'reading')}{few}")
         for group, of in zip(content["groups"], data.groups, strict=True):
             spans = (_span(group["frequency_hz"], "Hz"), _span(group["amplitude_v"], "V"))
             low, high = of.volts

@@ -22,7 +22,6 @@ from psafit.cli.common import (
     Command,
     Place,
     escaped,
-    idle,
     say_idle,
     shown_path,
     unwritten,
@@ -109,6 +108,7 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
     from psafit.experiment import read_plan
     from psafit.observables import OBSERVABLES
     from psafit.physics import TERMS, informed
+    from psafit.physics.term import idle
     from psafit.progress import watcher
 
     if plot is not None and plot.suffix.lower() not in PICTURES:

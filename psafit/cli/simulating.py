@@ -19,7 +19,6 @@ from psafit.cli.common import (
     Command,
     Place,
     causes,
-    idle,
     say_idle,
     shown_path,
     write_result,
@@ -143,6 +142,8 @@ def simulate(
 
 def _say_of_conditions(chosen: Sequence[Term], groups: Sequence[Conditions], quiet: bool) -> None:
     """Say which causes do nothing at these conditions, and which plans may be of another observable than meant."""
+    from psafit.physics.term import idle
+
     if quiet:
         return
     say_idle(idle(chosen, groups), err=True)

@@ -356,7 +356,8 @@ class Work:
         which = f"without {', '.join(absent)}: " if absent else ""
 
         def progress(what: str, done: int, total: int) -> None:
-            self.watcher.update(done, total, which + what)
+            # What is likely changes as the search goes on: nobody can know how much is left.
+            self.watcher.update(done, None, which + (f"{done} of {total} {what}" if total > 1 else what))
 
         if (groups, starts) not in self._model_sets:
             self._model_sets[groups, starts] = _model_set_of(

@@ -146,6 +146,11 @@ class Proposal:
         """Whether it needs neither another rig nor another instrument."""
         return not self.constants and not self.other
 
+    def does_more_than(self, other: Proposal, hardly: float = ProposalSettings.changed_rig) -> bool:
+        """Whether it does more than another by a part of what it does, and by more than both err."""
+        error = 2 * math.hypot(self.error, other.error)
+        return self.separation - other.separation > max(hardly * self.separation, error)
+
     def measured(self, problem: Problem) -> int:
         """Number of what is to be read, as `psafit.observables.OBSERVABLES` counts."""
         named = [k for k, o in enumerate(OBSERVABLES) if o.name == self.observable]
@@ -234,10 +239,16 @@ class NextExperiment:
     ) -> NextExperiment:
         """Return the best of some proposals, `most` of them, one that leaves the rig as it is among them.
 
-        Those that are worth the measurement come first.
+        Those that are worth the measurement come first. What needs a changed rig or another instrument is left out
+        unless it does more than what needs neither, or is worth the measurement alone.
         """
         every = cls(purpose.say(PLAIN), list(found), purpose, weak)
-        ranked = sorted(found, key=lambda p: not every.worth_measuring(p))
+        worth = {id(p): every.worth_measuring(p) for p in found}
+        ranked = sorted(found, key=lambda p: not worth[id(p)])
+        # The first in rank, not the largest: what is reported had no part in the ranking.
+        here = next((p for p in ranked if p.as_it_is), None)
+        if here:
+            ranked = [p for p in ranked if p.as_it_is or p.does_more_than(here) or worth[id(p)] > worth[id(here)]]
         return replace(every, proposals=_first(ranked, most, lambda p: p.as_it_is))
 
     @property
@@ -368,7 +379,7 @@ def separating(tied: Sequence[tuple[Candidate, ImportanceSample]], *, seed: int)
         ids = [list(c.ids) for c, _ in tied]
         two = itertools.combinations(range(len(tied)), 2)
         found.append(proposal_of(p, judgement, usual, [Pair(ids[i], ids[j], float(apart[i, j])) for i, j in two]))
-    return worth_building(found, settings.changed_rig)
+    return found
 
 
 def determine(best_model: Candidate, draws: ImportanceSample, *, seed: int) -> tuple[str, list[Proposal]]:
@@ -395,7 +406,7 @@ def determine(best_model: Candidate, draws: ImportanceSample, *, seed: int) -> t
     ranked = best_of(possible, [p.separation for p in judged(possible, every[::2])], settings.closer)
     # As above, what is reported of them comes from other draws.
     found = judged([possible[k] for k in ranked], every[1::2])
-    return best_model.problem.names[weak[which]], worth_building(found, settings.changed_rig)
+    return best_model.problem.names[weak[which]], found
 
 
 def explaining(
@@ -429,19 +440,7 @@ def explaining(
     first, second = (np.random.default_rng([seed, 17, k]) for k in range(2))
     kept = best_of(possible, [judged(k, first)[0] for k in range(len(possible))], settings.closer)
     # As above, what is reported of them comes from other trials.
-    return worth_building([proposal_of(possible[k], judged(k, second), usual) for k in kept], settings.changed_rig)
-
-
-def worth_building(found: list[Proposal], hardly: float) -> list[Proposal]:
-    """Put what needs nothing new first, where a changed rig or another instrument does hardly more."""
-    # The first in rank, not the largest: what is reported had no part in the ranking.
-    here = next((p for p in found if p.as_it_is), None)
-    if here is None or found[0].as_it_is:
-        return found
-    error = 2 * math.hypot(here.error, found[0].error)
-    if here.separation < found[0].separation - max(hardly * found[0].separation, error):
-        return found
-    return [here, *(p for p in found if p is not here)]
+    return [proposal_of(possible[k], judged(k, second), usual) for k in kept]
 
 
 def best_of(possible: Sequence[Possible], separation: Sequence[float] | FloatArray, n: int) -> list[int]:

@@ -45,8 +45,9 @@ from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
 from psafit.model_search.model_set import ModelSet
 from psafit.model_search.visibility import VISIBLE
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, recorded_name
+from psafit.observables import OBSERVABLES, recorded_name
 from psafit.parameters import broadened
+from psafit.physics.term import idle
 from psafit.simulate.sensitivity import plausible
 from psafit.validate import without_each
 
@@ -145,11 +146,11 @@ def screening_of(
     visible = {s.term.id: s.visible for s in given_best}
     adopted, found = () if verdict.verdict == "adequate" else model_set.best_model.ids, []
     bounds = verdict.verdict != "unexplained"  # a model that is wrong bounds nothing
-    measured = model_set.baseline.problem.design.measured
-    ranges = any(OBSERVABLES[k] is LAUNCH_RANGE for k in np.unique(measured))
+    problem = model_set.baseline.problem
+    without = idle([s.term for s in screened], problem.experiment.select(problem.group_ids))
     for s in screened:
         s = replace(s, visible=visible.get(s.term.id, s.visible))
-        acts = ranges or not s.term.after_launch
+        acts = s.term.id not in without
         asked = acts and bounds and s.term.id not in adopted
         left = room(model_set, adopted, s.term, seed=seed) if asked else None
         found.append(

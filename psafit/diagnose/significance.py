@@ -82,8 +82,13 @@ class NullLeads:
 Missing = Literal["", "catalogue", "settings", "readings"]
 """Why the stored table says nothing; empty where it does."""
 
-OTHERWISE = {"catalogue": "another catalogue", "settings": "a search with other settings", "readings": "larger designs"}
-"""What differs between the stored table and this search, in words."""
+OTHERWISE = {
+    "": "there is no table of such searches",
+    "catalogue": "the stored searches are of another catalogue",
+    "settings": "the stored searches have other settings",
+    "readings": "the stored searches are of more readings",
+}
+"""Why it is not known, in words."""
 
 
 @dataclass(frozen=True)

@@ -112,6 +112,11 @@ class Candidate:
         return np.asarray(np.linalg.inv(within_bounds(self.problem, self.curvature)))
 
     @property
+    def laplace_of_one(self) -> float:
+        """Laplace log evidence of the mode that holds most: what compares models whose other modes were not sought."""
+        return float(self.mass.max())
+
+    @property
     def laplace_apart(self) -> float:
         """Laplace log evidence; what several ends of one mode have in common counts once.
 

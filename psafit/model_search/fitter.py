@@ -115,7 +115,7 @@ class ProblemFitter:
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name != "modes"}
         draws, found = ImportanceSample(**values), candidate_at(problem, modes)
         top = max(model.content.top, short.log_posterior, found.log_posterior)
-        off = found.laplace_apart - draws.log_evidence
+        off = found.laplace_of_one - draws.log_evidence
         return Model(short.ids, draws.log_evidence, found.log_posterior, True, Fitted(found, draws, top), off, True)
 
     def effects(self, models: Mapping[Ids, Known], wanted: Sequence[Ids]) -> dict[Ids, Effects]:
@@ -367,7 +367,7 @@ def merged(problem: Problem, *candidates: Candidate) -> FloatArray:
 
 def _estimated(candidate: Candidate, before: Known | None = None) -> Known:
     """A model that was fitted, with Laplace's evidence; one that has risen has no less evidence than `before`."""
-    estimate, least, top = candidate.laplace_apart, -math.inf, candidate.log_posterior
+    estimate, least, top = candidate.laplace_of_one, -math.inf, candidate.log_posterior
     if before is not None:
         least, top = before.log_evidence if before.sampled else before.least, max(top, before.content.top)
         estimate = estimate if before.sampled else max(estimate, before.log_evidence)

@@ -36,8 +36,9 @@ class Model(Generic[Content]):
     ids : tuple of str
         Its causes, in the catalogue's order.
     log_evidence : float, nats
-        Of a short fit by Laplace's approximation, of a sampled model by importance sampling. In the result of a search
-        that of a short fit is corrected by what sampling has shown Laplace to be off by in its largest sampled part.
+        Of a short fit by Laplace's approximation of its largest mode, of a sampled model by importance sampling. In the
+        result of a search that of a short fit is corrected by what sampling has shown Laplace to be off by in its
+        largest sampled part, whose other modes it has as well.
     log_posterior : float
         Log posterior density at the highest optimum known: of a model that rises by more than a setting says, the
         neighbours are looked at again.
@@ -45,7 +46,7 @@ class Model(Generic[Content]):
     content : object
         The fit, for whoever made it.
     laplace_off : float, nats
-        Of a sampled model: what Laplace's approximation at the same optima exceeds its evidence by.
+        Of a sampled model: what Laplace's approximation of its largest mode exceeds its evidence by.
     earnest : bool
         Whether it was fitted with the work that a model takes which is sampled.
     least : float, nats

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.drives import WAVEFORMS, Drive
-from psafit.experiment import Constants
+from psafit.experiment import Conditions, Constants
+from psafit.observables import LAUNCH_RANGE
 from psafit.parameters import Parameter
 
 Memory = Callable[[float, float, float], float]
@@ -403,3 +404,10 @@ class Term:
 def signature(id: str, plugin: str) -> str:
     """See `Term.signature`."""
     return f"{id}@{plugin}" if plugin else id
+
+
+def idle(causes: Iterable[Term], groups: Sequence[Conditions]) -> list[str]:
+    """Causes that act on none of some groups' drives, or on launch ranges alone where none is read."""
+    ranged = [g.drive for g in groups if LAUNCH_RANGE in g.observables]
+    drives = [g.drive for g in groups]
+    return [t.id for t in causes if not any(map(t.acts_on, ranged if t.after_launch else drives))]

@@ -36,7 +36,7 @@ def test_check(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     data = read_experiment(known_folder).groups[0].file
     (lone / data).write_text("\n".join((known_folder / data).read_text().splitlines()[:2]) + "\n")
     assert run(monkeypatch, "check", lone) == 0
-    assert ": 1 group, 1 reading\n" in capsys.readouterr().out
+    assert ": 1 group, 1 reading; fewer than 60 show strong effects only" in capsys.readouterr().out
     known = '[prior.{}]\nmedian = 4e5\nfactor = 2\nsource = "Hertz"\n'
     (lone / "experiment.toml").write_text(definition + known.format("k_c"))
     for group in read_experiment(known_folder).groups:

@@ -15,7 +15,6 @@ from diagnoses_by_hand import make_record
 from fits_by_hand import make_run, mixed_groups
 
 from psafit.cli import simulating
-from psafit.cli.common import idle
 from psafit.diagnose.record.models import ParameterResult
 from psafit.errors import InputError
 from psafit.experiment import (
@@ -32,6 +31,7 @@ from psafit.inference.problem import Problem
 from psafit.inference.run_folder import load
 from psafit.observables import LAUNCH_SPEED, OBSERVABLES
 from psafit.physics import terms
+from psafit.physics.term import idle
 from psafit.records import write_json
 from psafit.validate import intervals, predict
 

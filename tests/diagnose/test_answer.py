@@ -256,7 +256,7 @@ def test_how_often_chance_finds_as_much() -> None:
     beaten = said(lead=2.0, p_value=2 / 3)
     assert beaten.startswith("1 of 2 searches") and beaten.endswith("2.4 nats at most, against 2 here (p = 0.67).")
     unknown = said(null=[], p_value=None, stored=True, missing="catalogue")
-    assert "is not known: the stored table is of another catalogue (--searches 19" in unknown
+    assert "is not known: the stored searches are of another catalogue (--searches 19" in unknown
 
 
 @pytest.mark.parametrize(

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 from clusters import two_workers
 from joblib.externals.loky import get_reusable_executor
-from truths import CHEAP, FEW, experiment, problem
+from truths import CHEAP, FEW, RIG, TRUTH, experiment, few, problem
 
 from psafit.errors import ConvergenceError, InputError
+from psafit.experiment import Group
 from psafit.inference.candidate import candidate_at
 from psafit.inference.memory import Memory
 from psafit.inference.problem import Problem
@@ -25,6 +26,8 @@ from psafit.model_search import ModelSet, SearchSettings, search_models
 from psafit.model_search import fitter as fitting
 from psafit.model_search.fitter import Fitted, ProblemFitter
 from psafit.model_search.loop import Foreseen, Model
+from psafit.physics import terms
+from psafit.simulate import MICRO, Design, simulate
 
 PAIR = ("amplifier_lag", "flight_friction")
 SETTINGS = SearchSettings(most_causes=2)
@@ -39,6 +42,21 @@ def alone() -> ModelSet:
 
 def few_readings() -> Problem:
     return problem(experiment(["amplifier_lag"], [4e-5], n=8))
+
+
+def test_a_cause_that_does_nothing_has_its_parts_evidence() -> None:
+    """Though the sampled part was found at many ends of one flat ridge, and a short fit finds one of them."""
+    n, v = 12, np.geomspace(3, 60, 12)
+    true = simulate(Design.sweep(RIG, "square", np.full(n, 5e3), v), TRUTH, ()).launch_range[0] * MICRO
+    read = true * (1 + 0.04 * np.random.default_rng(0).standard_normal(n))
+    squares = replace(few([1.0]), groups=(Group("a", "square", "a.csv", np.full(n, 5e3), v, read),))
+    fitter = ProblemFitter(problem(squares), terms(["start_phase"]), SETTINGS, 1, Memory(None))
+    (short,) = fitter.short([()], {})
+    part = fitter.sample(short)
+    assert len(part.content.candidate.modes) > 2
+    for fit in (fitter.short, fitter.carried):
+        (larger,) = fit([("start_phase",)], {(): part})
+        assert larger.log_evidence - part.laplace_off == pytest.approx(part.log_evidence, abs=0.1)
 
 
 def test_a_short_fit_comes_near_the_evidence(hidden: ModelSet) -> None:
@@ -69,7 +87,7 @@ def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Mode
     assert fitter.again([seen], origin) == []
     # What a sample has found before is kept apart: Laplace's error is no part of it.
     (again,) = fitter.again([replace(held, sampled=True, log_evidence=risen.log_evidence + 5.0)], origin)
-    assert again.least == risen.log_evidence + 5.0 and again.log_evidence == again.content.candidate.laplace_apart
+    assert again.least == risen.log_evidence + 5.0 and again.log_evidence == again.content.candidate.laplace_of_one
 
 
 def test_what_a_neighbour_lacks_stays_where_a_model_has_it(hidden: ModelSet) -> None:

@@ -300,7 +300,7 @@ def test_no_share_is_printed_of_a_cause_that_is_not_needed(tmp_path):
     page = build(replace(record, screening=found), experiment, tmp_path)
     assert "1 does not act on what was read: drag on the swing" in page.first_screen
     assert "could not have been seen" not in page.first_screen
-    assert "It changes launch ranges alone, and none was read" in page.text
+    assert "or changes launch ranges alone, and none was read" in page.text
     assert "where a cause does not show, its model counts as the model without it" in page.text
 
 
@@ -337,7 +337,7 @@ def test_where_the_p_value_of_a_search_comes_from(tmp_path):
                 stored,
                 "2 whole searches, with the same catalogue, on designs of 56 to 150 readings with nothing hidden.",
             ),
-            (unknown, "is not known: the stored table of such searches is of a search with other settings."),
+            (unknown, "is not known: the stored searches have other settings."),
         )
     ):
         reported = replace(record, misfit=replace(record.misfit, search=search))

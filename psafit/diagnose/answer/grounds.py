@@ -77,11 +77,10 @@ class ByChance(Statement):
     def say(self, words: Words) -> str:
         s = self.found
         if s.p_value is None:
-            missing = OTHERWISE[s.missing] if s.missing else "nothing"
             return words.put(
-                "How often a search finds as much where nothing is hidden is not known: the stored table is of {}"
-                " (--searches 19 repeats the search on simulated baselines).",
-                missing,
+                "How often a search finds as much where nothing is hidden is not known: {} (--searches 19 repeats the"
+                " search on simulated baselines).",
+                OTHERWISE[s.missing],
             )
         n, most = len(s.null), max(s.null)
         as_much = sum(lead >= s.lead for lead in s.null)

@@ -92,7 +92,7 @@ class CheckFirst(Statement):
 
 @dataclass(frozen=True)
 class Next(Statement):
-    """What to measure next; `more` where a quick diagnosis has not looked at all sets that are tied."""
+    """What to measure next; `more` where more sets are tied than a quick diagnosis has distinguished."""
 
     topic = "next"
     found: NextExperiment
@@ -104,5 +104,5 @@ class Next(Statement):
         if self.found.recommended:
             how = "Next, measure {}: it {}" if equal else "Next, measure {}: it best {}"
         others = f"; {count(equal, 'other proposal')} may do as well." if equal else "."
-        rest = " The other sets are not looked at: without --quick the four likeliest are." if self.more else ""
+        rest = " It is to separate the first two; without --quick the four likeliest sets are." if self.more else ""
         return words.put(how + others + rest, words.number(first.text), self.found.promise(first, words))

@@ -84,7 +84,7 @@ def search(found: Significance | None) -> dict[str, Any] | None:
         return None
     p, n = found.p_value, len(found.null)
     if p is None:
-        return {"n": 0, "missing": OTHERWISE[found.missing] if found.missing else ""}
+        return {"n": 0, "missing": OTHERWISE[found.missing]}
     least = p <= 1 / (n + 1)
     return {
         "n": n,
