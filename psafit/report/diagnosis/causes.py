@@ -87,6 +87,7 @@ def content(result: Diagnosis, shown: Sequence[Shown], pictured: Sequence[Shown]
 def model_rows(result: Diagnosis) -> list[list[Any]]:
     """The models of the record, and what is left for others."""
     rows: list[list[Any]] = []
+    nothing = next((c.evidence for c in result.causes if not c.terms), None)
     for c in result.causes:
         e = c.evidence
         over = words.signed(e.over_baseline)
@@ -101,8 +102,9 @@ def model_rows(result: Diagnosis) -> list[list[Any]]:
                 model(c.terms),
                 f"{words.share(c.probability)} ({words.share(e.share)})",
                 "–" if e.prior_odds is None else words.signed(e.prior_odds),
-                words.signed(e.gain),
                 over,
+                words.signed(_by_larger_sets(e, nothing)),
+                words.signed(e.gain),
                 f"{words.signed(width['half'])} / {words.signed(width['twice'])}" if width and c.terms else "–",
                 strange,
                 _method(e),
@@ -115,8 +117,15 @@ def model_rows(result: Diagnosis) -> list[list[Any]]:
             ("all other sets of causes, missed ones too", others),
             ("a discrepancy without a name", result.unnamed),
         ):
-            rows.append([Markup("<em>{}</em>").format(name), words.share(share), *["–"] * 6])
+            rows.append([Markup("<em>{}</em>").format(name), words.share(share), *["–"] * 7])
     return rows
+
+
+def _by_larger_sets(e: Evidence, nothing: Evidence | None) -> float:
+    """What larger sets add to a set's log odds against no cause, less its draws in which a cause does not show."""
+    if nothing is None or e.prior_odds is None or not min(e.share, nothing.share) > 0:
+        return math.nan
+    return math.log(e.share / nothing.share) - e.prior_odds - e.over_baseline
 
 
 def _method(evidence: Evidence) -> str:
