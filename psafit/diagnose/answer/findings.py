@@ -234,7 +234,9 @@ class Named(Statement):
             how = "No cause {} stands out that would explain what these readings show.{}"
             return words.put(how, looked, rest)
         why = _NONE[self.left] if self.left in ("law", "smooth") else _REMAINS[self.objection]
-        odd = f"{_P_VALUE[self.objection]} {p_text(self.p_after, self.floor)}; " if self.objection else ""
+        odd = ""
+        if self.objection:
+            odd = f"{_P_VALUE[self.objection]} {words.number(p_text(self.p_after, self.floor))}; "
         others = [
             words.instead(self.causes, r.causes)
             if r.probability is None

@@ -96,7 +96,7 @@ class ByChance(Statement):
             p += f", the least that {n} can show"
         return words.put(
             "{} of {} search{} {} found causes that lead the baseline by as much: {}, against {} here ({}).",
-            as_much or "None", n, "" if n == 1 else "es", where, most_text, fixed(s.lead), p,
+            as_much or "None", n, "" if n == 1 else "es", where, most_text, fixed(s.lead), words.number(p),
         )  # fmt: skip
 
 

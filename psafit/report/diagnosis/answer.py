@@ -78,7 +78,7 @@ class PageWords(Words):
         return Markup(by).join(items)  # type: ignore[arg-type]
 
     def number(self, text: str) -> str:
-        return typeset(text.replace("+-", "±").replace(" %", f"{NBSP}%").replace(" V", f"{NBSP}V"))
+        return typeset(text.replace("+-", "±").replace("<=", "≤").replace(" %", f"{NBSP}%").replace(" V", f"{NBSP}V"))
 
     def per_cent(self, fraction: float) -> str:
         return percent(fraction)
