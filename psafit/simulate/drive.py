@@ -172,10 +172,13 @@ def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type:
     now, rate, bend = steady + swing * sin, gain + w * swing * cos, -w * w * swing * sin
 
     a, b, c, r, G, phi = steady, gain, 0.0, 0.0, swing, psi
-    # Which way it goes: as the command's rate or, where that is zero, as it bends; what lags goes after the command.
+    # Which way it goes: as the command's rate or, where that is zero within what a rounding of the time is worth, as it
+    # bends; what lags goes after the command.
     size0 = abs(steady) + abs(u) + abs(swing) + point[REACH]
+    fastest = abs(gain) + w * abs(swing)
+    unsure = _ENDED * fastest * (1.0 + w * t)  # of the rate
     direction = _sign(bend, 0.0, 0.0)
-    direction = _sign(rate, _ENDED * (abs(gain) + w * abs(swing)), direction)
+    direction = _sign(rate, unsure, direction)
     limited = inverse_slew > 0.0
     top = 1.0 / inverse_slew if limited else math.inf
     ahead = now - u
@@ -192,7 +195,7 @@ def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type:
             a = steady - lag * gain
             c = u - a - G * math.sin(phi)
             c = c if abs(c) > _ENDED * size0 else 0.0  # it has caught up, all but for rounding
-            direction = _sign(ahead, _ENDED * size0, direction)
+            direction = _sign(ahead, _ENDED * (size0 + t * fastest), direction)
             if limited:
                 # c_cmd - u = lag (b + G w cos(w s + phi)) - c exp(-r s)
                 quarter = 0.5 * math.pi
@@ -212,7 +215,7 @@ def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type:
             direction = side
     elif limited:
         met = abs(ahead) <= loose
-        fits = abs(rate) < top * (1.0 - 1e-13) or (abs(rate) <= top * (1.0 + 1e-13) and rate * bend <= 0.0)
+        fits = abs(rate) < top - unsure or (abs(rate) <= top + unsure and rate * bend <= 0.0)
         if met and fits:
             if abs(gain) + w * abs(swing) > top:
                 quarter = 0.5 * math.pi

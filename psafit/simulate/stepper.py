@@ -78,8 +78,11 @@ class StepSettings(NamedTuple):
     Parameters
     ----------
     most_steps : int
-        In excess of the drive's pieces, after which a trajectory ends: contacts that last for hundreds of periods, and
-        balls that chatter to rest.
+        After which a trajectory ends: contacts that last for hundreds of periods, and balls that chatter to rest.
+    parts : int
+        Steps that it may take in addition for each piece of the command behind it, as a recording has many: more parts
+        than a piece is divided into where an amplifier's limit begins and ends, and where the voltage turns or passes
+        zero.
     most_runs : int
         How often a trajectory is followed, each time with smaller errors, for a launch that was too slow for them.
     iterations : int
@@ -103,6 +106,7 @@ class StepSettings(NamedTuple):
     """
 
     most_steps: int = 20_000
+    parts: int = 8
     most_runs: int = 12
     iterations: int = 10
     force_error: float = 0.003
@@ -789,13 +793,13 @@ def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, r
     S, T1, T2, _, _, _, _, _, answers = cache
     piece, nodes, _, _, mem_z, mem_u = work
     t, x1, v1, xw, vw, tip_rest, level, watched, new_piece = tip
-    step, pieces = 0, 0
-    while step < how.most_steps + pieces:
+    step = 0
+    while step < how.most_steps + how.parts * piece[_drive.NUMBER]:
         step += 1
         if watched == len(moments) or moments[watched] == math.inf:
             break
         if t >= piece[_drive.END]:
-            t, new_piece, pieces = _passed(rig, theta_at, rows, point, calls, work), True, pieces + 1
+            t, new_piece = _passed(rig, theta_at, rows, point, calls, work), True
         if new_piece:
             new_piece = False
             _remember(_drive.voltage(piece, t), q, theta_at, calls, mem_z, mem_u)
@@ -877,8 +881,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
     rough = False  # whether the law has spoilt a step across the end of the contact
     carried = False  # whether `kept` holds the force of the step before, ready to be carried on
     new_piece = begun = True  # whether the next step is a piece's first; `first_level` suited the last such
-    fresh, step, pieces = True, -1, 0  # the first: whether it is the first step after the regime changed
-    while step + 1 < how.most_steps + pieces:
+    fresh, step = True, -1  # whether it is the first step after the regime changed
+    while step + 1 < how.most_steps + how.parts * piece[_drive.NUMBER]:
         step += 1
         if new_piece:
             new_piece, carried, begun = False, False, True
@@ -952,7 +956,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
             level = _grown(level, error)
             begun, first_level = False, level if begun else first_level
             if event == _PIECE:
-                t, new_piece, pieces = _passed(rig, theta_at, rows, point, calls, work), True, pieces + 1
+                t, new_piece = _passed(rig, theta_at, rows, point, calls, work), True
         else:
             carried, fresh, lost_d = False, True, 0.0
             if event == _RESTS:
@@ -985,7 +989,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
     if separated_once:
         # Of the launch that counts alone: the next impact makes up for one before it that was slow.
         when, speed, place, top, end, scale = launch
-        slow = speed < how.slow * scale and tolerance * scale > still and step < how.most_steps + pieces - 1
+        whole = step + 1 < how.most_steps + how.parts * piece[_drive.NUMBER]
+        slow = speed < how.slow * scale and tolerance * scale > still and whole
         return _TOO_SLOW if slow else LAUNCHED, when, speed, place, top, end, step
     return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), math.nan, 0, step
 

@@ -274,6 +274,33 @@ def test_within_a_piece_the_voltage_goes_one_way_on_one_side_of_zero(limited: bo
             next_piece(piece, voltage(piece, piece[END]), rows, point, 0.0, lag, slew, True)
 
 
+@pytest.mark.parametrize("limited", [False, True])
+def test_a_long_contact_is_followed_piece_by_piece_to_its_end(limited: bool) -> None:
+    """After hundreds of periods a rounding of the time is worth more than one of the phase: no piece ends at once."""
+    rng = np.random.default_rng(5)
+    point, piece = np.empty(COMMAND), np.empty(PIECE)
+    for k in range(60):
+        f, volt = float(np.exp(rng.uniform(4, 10))), float(rng.uniform(1, 100))
+        one = [*map(Drive, ("unipolar_sine", "sine", "triangle", "square")), Drive("sine", bias_v=volt)][k % 5]
+        lag = float(np.exp(rng.uniform(-12, 0))) / f if k % 3 else 0.0
+        slew = float(np.exp(rng.uniform(-5, 5))) / (math.pi * f * volt) if limited else 0.0
+        rows, points = Design.sweep(RIG, one, f, volt).commands
+        driven(points[0], 1.0, 0.0, point)
+        first_piece(piece, rows, point, 0.0, lag, slew, True)
+        n = 0
+        while piece[END] * f < 1000.0:
+            assert piece[END] > piece[BEGIN] and n < 12_000, (one, f, volt, lag, slew)
+            next_piece(piece, voltage(piece, piece[END]), rows, point, 0.0, lag, slew, True)
+            n += 1
+
+
+def test_a_ball_that_leans_for_hundreds_of_periods_ends_a_trajectory() -> None:
+    """It is not launched; once the stepper took pieces without length there for ever."""
+    theta = [11184.0427, 17637.2851, 1724.74285, 0.00589805660, 155.525552, 0.00159187865]
+    found = simulate(Design.sweep(RIG, Drive("sine"), 2e4, 20.0), theta, terms(["anchored_stroke", "preload"]))
+    assert not found.launched.any()
+
+
 @pytest.mark.parametrize(
     "drive", [Drive("table", idle_v=2.0, table=Table(np.linspace(0, 1, 12), np.full(12, 2.0), True)), Drive("sine")]
 )
