@@ -121,7 +121,7 @@ def test_first_screen_answers(page):
 def test_record_is_shown(page):
     for expected in (
         "10.0 to 20.0 V: predictions too small by a factor of 2.50 (8.1 standard deviations)",
-        "+151.2 ± 0.04", "−0.6 / +0.3", "2210 draws, k 0.31", "98.5 %", "1 value implausible",
+        "+151.2 ± 0.04", "−0.6 / +0.3", "2210 draws, k 0.31", "98.5 %", "Implausible", "1 value",
         "(3.80 to 4.40) × 10⁵ N/m", "not sampled", "90.2 nats", "0.7 nats", "×3.30", "more than ×8000",
         "could not have been seen", "not present", "runs along the sweep", "reading 4 of group 1",
         "−1.2 nats over none", "Mean log RMSE 0.912 before, 0.254 after; change −0.710 to −0.520",

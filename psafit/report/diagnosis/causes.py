@@ -95,7 +95,7 @@ def model_rows(result: Diagnosis) -> list[list[Any]]:
             over += f" ± {e.error:.2f}"
         strange: Any = "none"
         if c.implausible:
-            strange = {"text": f"{count(len(c.implausible), 'value')} implausible", "kind": "bad"}
+            strange = {"text": count(len(c.implausible), "value"), "kind": "bad"}
         width = e.prior_width or {}
         rows.append(
             [
@@ -129,13 +129,11 @@ def _by_larger_sets(e: Evidence, nothing: Evidence | None) -> float:
 
 
 def _method(evidence: Evidence) -> str:
-    text = "Laplace" if evidence.method == "Laplace" else "importance sampling"
-    if evidence.effective_draws is not None:
-        text += f": {evidence.effective_draws:.0f} draws"
+    text = "Laplace" if evidence.effective_draws is None else f"{evidence.effective_draws:.0f}{NBSP}draws"
     if evidence.nautilus:
         text += f"; by nautilus {words.signed(evidence.nautilus.log_evidence - evidence.log_evidence)}"
     if (k := evidence.pareto_k) is not None:
-        text += typeset(f", k {fixed(k, 2)}") + (" (the error is a guess)" if k > TRUSTED else "")
+        text += typeset(f", k{NBSP}{fixed(k, 2)}") + (" (the error is a guess)" if k > TRUSTED else "")
     return text
 
 
