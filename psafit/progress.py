@@ -64,7 +64,8 @@ class _Bars(Silent):
 
     def update(self, done: float, total: float | None, note: str = "") -> None:
         if self._task is not None:
-            self._bars.update(self._task, completed=done, total=total, note=counted(done, total, note))
+            self._bars.tasks[self._task].total = total  # an update takes None for no news
+            self._bars.update(self._task, completed=done, note=counted(done, total, note))
 
     def whole(self, seconds: float | None) -> None:
         self._whole = _left(seconds)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 ENOUGH = 60
-"""Readings from which on a diagnosis has the power that docs/limits.md measures."""
+"""Readings that docs/own-rig.md asks for; it says what fewer show."""
 
 
 @click.command(cls=Command)

@@ -146,10 +146,10 @@ class Proposal:
         """Whether it needs neither another rig nor another instrument."""
         return not self.constants and not self.other
 
-    def does_more_than(self, other: Proposal, hardly: float = ProposalSettings.changed_rig) -> bool:
+    def does_more_than(self, other: Proposal) -> bool:
         """Whether it does more than another by a part of what it does, and by more than both err."""
         error = 2 * math.hypot(self.error, other.error)
-        return self.separation - other.separation > max(hardly * self.separation, error)
+        return self.separation - other.separation > max(ProposalSettings.changed_rig * self.separation, error)
 
     def measured(self, problem: Problem) -> int:
         """Number of what is to be read, as `psafit.observables.OBSERVABLES` counts."""

@@ -128,7 +128,7 @@ def _judged(
             measured = measure(candidate, own, rng)
             # The error of Laplace's approximation is taken to be the same before and after, so that it cancels.
             log_posterior = [
-                d.log_evidence + _optimised(measured(c.problem), c, d, rng).laplace_apart - c.laplace_apart + p
+                d.log_evidence + _optimised(measured(c.problem), c, d, rng).laplace_of_one - c.laplace_of_one + p
                 for (c, d), p in zip(tied, log_prior, strict=True)
             ]
             truth.append(list(candidate.ids))

@@ -82,8 +82,7 @@ class NullLeads:
 Missing = Literal["", "catalogue", "settings", "readings"]
 """Why the stored table says nothing; empty where it does."""
 
-OTHERWISE = {
-    "": "there is no table of such searches",
+OTHERWISE: dict[Missing, str] = {
     "catalogue": "the stored searches are of another catalogue",
     "settings": "the stored searches have other settings",
     "readings": "the stored searches are of more readings",

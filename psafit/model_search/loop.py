@@ -38,7 +38,7 @@ class Model(Generic[Content]):
     log_evidence : float, nats
         Of a short fit by Laplace's approximation of its largest mode, of a sampled model by importance sampling. In the
         result of a search that of a short fit is corrected by what sampling has shown Laplace to be off by in its
-        largest sampled part, whose other modes it has as well.
+        largest sampled part, whose other modes it is taken to have.
     log_posterior : float
         Log posterior density at the highest optimum known: of a model that rises by more than a setting says, the
         neighbours are looked at again.

@@ -182,8 +182,8 @@ def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type:
     limited = inverse_slew > 0.0
     top = 1.0 / inverse_slew if limited else math.inf
     ahead = now - u
-    # What a rounding of the time is worth in volts, at the largest rate.
-    loose = _ENDED * (point[REACH] + abs(point[IDLE]) + top * t) if limited else 0.0
+    # What a rounding of the time is worth in volts, at the largest rates of both.
+    loose = _ENDED * (point[REACH] + abs(point[IDLE]) + (top + fastest) * t) if limited else 0.0
     if lag > 0.0:
         edge = top * lag
         r = 1.0 / lag

@@ -984,13 +984,13 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
                     reference, grows = _scale(slow_ones, ends, usual)
         if (separated_once and regime == FREE and t > window) or t > (waiting if regime == FREE else horizon):
             break
+    unspent = step + 1 < how.most_steps + how.parts * piece[_drive.NUMBER]
     tip = (t, x1, v1, xw, vw, tip_rest, level, watched, new_piece)
     _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, settled, trace, tip)
     if separated_once:
         # Of the launch that counts alone: the next impact makes up for one before it that was slow.
         when, speed, place, top, end, scale = launch
-        whole = step + 1 < how.most_steps + how.parts * piece[_drive.NUMBER]
-        slow = speed < how.slow * scale and tolerance * scale > still and whole
+        slow = speed < how.slow * scale and tolerance * scale > still and unspent
         return _TOO_SLOW if slow else LAUNCHED, when, speed, place, top, end, step
     return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), math.nan, 0, step
 

@@ -18,11 +18,12 @@ from psafit.diagnose.results import cause_result, counted_of, misfit_of, screeni
 from psafit.diagnose.room import Room
 from psafit.diagnose.screening import screen
 from psafit.diagnose.words import NO_ACTION, PLAIN
+from psafit.drives import Drive
 from psafit.experiment import Group
 from psafit.inference.sample import sample
 from psafit.model_search import search_models
 from psafit.model_search.visibility import VISIBLE
-from psafit.observables import LAUNCH_RANGE, LAUNCH_SPEED, OBSERVABLES
+from psafit.observables import LAUNCH_RANGE, LAUNCH_SPEED
 from psafit.parameters import Belief, Normal
 from psafit.physics import terms
 from psafit.text import significant
@@ -70,10 +71,9 @@ def test_a_model_that_explains_nothing_bounds_no_cause(hidden):
 def test_what_changes_ranges_alone_does_not_act_on_speeds(hidden, read, acts):
     """It is not said that it could not have been seen, and it is left no change of a reading."""
     said = SimpleNamespace(verdict="adequate", named=(), alternatives=(), inclusion={})
-    design = SimpleNamespace(measured=np.array([OBSERVABLES.index(o) for o in read]))
-    models = SimpleNamespace(
-        baseline=SimpleNamespace(problem=SimpleNamespace(design=design)), candidates=[], gain=lambda ids: 0.0
-    )
+    group = SimpleNamespace(drive=Drive("sine"), observables=read)
+    one = SimpleNamespace(experiment=SimpleNamespace(select=lambda ids: (group,)), group_ids=("a",))
+    models = SimpleNamespace(baseline=SimpleNamespace(problem=one), candidates=[], gain=lambda ids: 0.0)
     screened = [replace(s, visible=0.0) for s in screen(hidden.baseline, FEW)]
     found = {s.id: s for s in screening_of(screened, [], models, said, 1)}
     assert (found["flight_friction"].verdict != NO_ACTION) == acts

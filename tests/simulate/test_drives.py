@@ -283,7 +283,7 @@ def test_a_long_contact_is_followed_piece_by_piece_to_its_end(limited: bool) -> 
         f, volt = float(np.exp(rng.uniform(4, 10))), float(rng.uniform(1, 100))
         one = [*map(Drive, ("unipolar_sine", "sine", "triangle", "square")), Drive("sine", bias_v=volt)][k % 5]
         lag = float(np.exp(rng.uniform(-12, 0))) / f if k % 3 else 0.0
-        slew = float(np.exp(rng.uniform(-5, 5))) / (math.pi * f * volt) if limited else 0.0
+        slew = float(np.exp(rng.uniform(-5, 8))) / (math.pi * f * volt) if limited else 0.0
         rows, points = Design.sweep(RIG, one, f, volt).commands
         driven(points[0], 1.0, 0.0, point)
         first_piece(piece, rows, point, 0.0, lag, slew, True)

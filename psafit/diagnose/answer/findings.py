@@ -246,7 +246,7 @@ class Named(Statement):
         also = words.put(" Next best: {}.", words.joined("; ", _first(others))) if others else ""
         sharper = ""
         if self.objection == "tests" and not self.rejected:
-            sharper = " It leaves less scatter, so that the tests see in it what the baseline hides."
+            sharper = " (The tests pass the baseline: what has more scatter passes more easily.)"
         return words.put(
             "The best extension is {}, but {} ({}probability of a discrepancy {}).{}{}",
             what, why, odd, words.per_cent(self.unnamed), sharper, also,
