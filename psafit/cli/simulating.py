@@ -142,10 +142,10 @@ def simulate(
 
 def _say_of_conditions(chosen: Sequence[Term], groups: Sequence[Conditions], quiet: bool) -> None:
     """Say which causes do nothing at these conditions, and which plans may be of another observable than meant."""
-    from psafit.physics.term import idle
-
     if quiet:
         return
+    from psafit.physics.term import idle
+
     say_idle(idle(chosen, groups), err=True)
     for line in _taken_for_ranges(groups):
         click.echo(line, err=True)

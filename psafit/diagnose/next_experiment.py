@@ -243,12 +243,12 @@ class NextExperiment:
         unless it does more than what needs neither, or is worth the measurement alone.
         """
         every = cls(purpose.say(PLAIN), list(found), purpose, weak)
-        worth = {id(p): every.worth_measuring(p) for p in found}
-        ranked = sorted(found, key=lambda p: not worth[id(p)])
+        worth = every.worth_measuring
+        ranked = sorted(found, key=lambda p: not worth(p))
         # The first in rank, not the largest: what is reported had no part in the ranking.
         here = next((p for p in ranked if p.as_it_is), None)
         if here:
-            ranked = [p for p in ranked if p.as_it_is or p.does_more_than(here) or worth[id(p)] > worth[id(here)]]
+            ranked = [p for p in ranked if p.as_it_is or p.does_more_than(here) or worth(p) > worth(here)]
         return replace(every, proposals=_first(ranked, most, lambda p: p.as_it_is))
 
     @property

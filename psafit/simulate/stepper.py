@@ -782,6 +782,12 @@ def _passed(rig, theta_at, rows, point, calls, work):  # type: ignore[no-untyped
     return t
 
 
+@compiled(inside=True)
+def _allowed(how, piece):  # type: ignore[no-untyped-def]
+    """Steps that a trajectory may take until this piece of the drive."""
+    return how.most_steps + how.parts * piece[_drive.NUMBER]
+
+
 @compiled(borrows=True)
 def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, settled, trace, tip):  # type: ignore[no-untyped-def]
     """Follow the tip, from which the ball has gone for good, to the last moment of a trace that wants it."""
@@ -794,7 +800,7 @@ def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, r
     piece, nodes, _, _, mem_z, mem_u = work
     t, x1, v1, xw, vw, tip_rest, level, watched, new_piece = tip
     step = 0
-    while step < how.most_steps + how.parts * piece[_drive.NUMBER]:
+    while step < _allowed(how, piece):
         step += 1
         if watched == len(moments) or moments[watched] == math.inf:
             break
@@ -882,7 +888,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
     carried = False  # whether `kept` holds the force of the step before, ready to be carried on
     new_piece = begun = True  # whether the next step is a piece's first; `first_level` suited the last such
     fresh, step = True, -1  # whether it is the first step after the regime changed
-    while step + 1 < how.most_steps + how.parts * piece[_drive.NUMBER]:
+    while step + 1 < _allowed(how, piece):
         step += 1
         if new_piece:
             new_piece, carried, begun = False, False, True
@@ -984,7 +990,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
                     reference, grows = _scale(slow_ones, ends, usual)
         if (separated_once and regime == FREE and t > window) or t > (waiting if regime == FREE else horizon):
             break
-    unspent = step + 1 < how.most_steps + how.parts * piece[_drive.NUMBER]
+    unspent = step + 1 < _allowed(how, piece)
     tip = (t, x1, v1, xw, vw, tip_rest, level, watched, new_piece)
     _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, settled, trace, tip)
     if separated_once:

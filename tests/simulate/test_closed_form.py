@@ -71,7 +71,7 @@ def test_agrees_with_many_digits_over_the_prior_range() -> None:
 
 
 @pytest.mark.parametrize("waveform", ["sine", "square"])
-@pytest.mark.parametrize("frequency", [1e-3, 1200.0, 1e5, pytest.param(2e6, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("frequency", [1e-3, 1200.0, 1e5, pytest.param(1e7, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("theta", [(1.4e5, 0.0, 0.0), (1e7, 0.0, 10.0)])
 def test_tiny_and_huge_frequencies_and_no_damping(theta: tuple[float, ...], frequency: float, waveform: str) -> None:
     reference = exact(theta, waveform, frequency)

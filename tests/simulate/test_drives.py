@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from rigs import RIG, TRUTH
 
+from psafit.arrays import FloatArray
 from psafit.drives import WAVEFORMS, Drive, Table
 from psafit.physics import TERMS, term, terms
 from psafit.physics.term import Setup
@@ -233,65 +236,62 @@ def test_a_recording_may_have_more_samples_than_a_trajectory_may_have_steps() ->
             assert many.motion[..., 2] == pytest.approx(few.motion[..., 2], rel=1e-3, abs=1e-10)
 
 
+def pieces(drive: Drive, f: float, volt: float, lag: float = 0.0, inverse_slew: float = 0.0) -> Iterator[FloatArray]:
+    """The pieces of a drive, one after the other in the same record."""
+    point, piece = np.empty(COMMAND), np.empty(PIECE)
+    rows, points = Design.sweep(RIG, drive, f, volt).commands
+    driven(points[0], 1.0, 0.0, point)
+    first_piece(piece, rows, point, 0.0, lag, inverse_slew, True)
+    yield piece
+    while piece[END] < math.inf:
+        next_piece(piece, voltage(piece, piece[END]), rows, point, 0.0, lag, inverse_slew, True)
+        yield piece
+
+
 def test_a_voltage_that_only_touches_zero_keeps_its_sign() -> None:
     """Rounding puts the touch on either side of zero; a piece ends where the voltage turns, at once and once."""
     rng = np.random.default_rng(3)
-    point, piece = np.empty(COMMAND), np.empty(PIECE)
     for k in range(200):
         f, volt = float(np.exp(rng.uniform(4, 10))), float(rng.uniform(1, 100))
         drive = Drive("sine", bias_v=volt, idle_v=0.0, phase_deg=-90.0) if k % 2 else Drive("unipolar_sine")
-        rows, points = Design.sweep(RIG, drive, f, volt).commands
-        driven(points[0], 1.0, 0.0, point)
-        first_piece(piece, rows, point, 0.0, 0.0, 0.0, True)
+        found = pieces(drive, f, volt)
         for half in range(1, 8):
+            piece = next(found)
             assert piece[SIGN] == 1.0 and piece[END] * f == pytest.approx(half / 2, rel=1e-12)
-            next_piece(piece, voltage(piece, piece[END]), rows, point, 0.0, 0.0, 0.0, True)
 
 
 @pytest.mark.parametrize("limited", [False, True])
 def test_within_a_piece_the_voltage_goes_one_way_on_one_side_of_zero(limited: bool) -> None:
     """With lags and slew limits of any size, on drives that start flat, touch zero, jump or have corners."""
     rng = np.random.default_rng(4)
-    point, piece = np.empty(COMMAND), np.empty(PIECE)
     for k in range(600):
         f, volt = float(np.exp(rng.uniform(4, 10))), float(rng.uniform(1, 100))
         touching = Drive("sine", bias_v=volt, phase_deg=-90.0)
         one = [*map(Drive, ("unipolar_sine", "sine", "unipolar_square", "triangle", "square")), touching][k % 6]
         lag = float(np.exp(rng.uniform(-25, 0))) / f
         slew = float(np.exp(rng.uniform(-5, 5))) / (math.pi * f * volt) if limited else 0.0
-        rows, points = Design.sweep(RIG, one, f, volt).commands
-        driven(points[0], 1.0, 0.0, point)
-        first_piece(piece, rows, point, 0.0, lag, slew, True)
-        for _ in range(12):
+        for piece in itertools.islice(pieces(one, f, volt, lag, slew), 12):
             begin, end = piece[BEGIN], min(piece[END], piece[BEGIN] + 1 / f)
             u = np.array([voltage(piece, t) for t in np.linspace(begin, end, 65)])
             steps, rounded = np.diff(u), volt * (1e-11 + 1e-15 * end / lag)  # the latter by times
             assert max(piece[SIGN] * u.min(), piece[SIGN] * u.max()) >= 0.0
             assert (piece[SIGN] * u >= -rounded).all(), (one, f, volt, lag, slew)
             assert min(steps.max(), -steps.min()) <= rounded, (one, f, volt, lag, slew)
-            if piece[END] == math.inf:
-                break
-            next_piece(piece, voltage(piece, piece[END]), rows, point, 0.0, lag, slew, True)
 
 
 @pytest.mark.parametrize("limited", [False, True])
 def test_a_long_contact_is_followed_piece_by_piece_to_its_end(limited: bool) -> None:
     """After hundreds of periods a rounding of the time is worth more than one of the phase: no piece ends at once."""
     rng = np.random.default_rng(5)
-    point, piece = np.empty(COMMAND), np.empty(PIECE)
     for k in range(60):
         f, volt = float(np.exp(rng.uniform(4, 10))), float(rng.uniform(1, 100))
         one = [*map(Drive, ("unipolar_sine", "sine", "triangle", "square")), Drive("sine", bias_v=volt)][k % 5]
         lag = float(np.exp(rng.uniform(-12, 0))) / f if k % 3 else 0.0
         slew = float(np.exp(rng.uniform(-5, 8))) / (math.pi * f * volt) if limited else 0.0
-        rows, points = Design.sweep(RIG, one, f, volt).commands
-        driven(points[0], 1.0, 0.0, point)
-        first_piece(piece, rows, point, 0.0, lag, slew, True)
-        n = 0
-        while piece[END] * f < 1000.0:
+        for n, piece in enumerate(pieces(one, f, volt, lag, slew)):
+            if piece[END] * f >= 1000.0:
+                break
             assert piece[END] > piece[BEGIN] and n < 12_000, (one, f, volt, lag, slew)
-            next_piece(piece, voltage(piece, piece[END]), rows, point, 0.0, lag, slew, True)
-            n += 1
 
 
 def test_a_ball_that_leans_for_hundreds_of_periods_ends_a_trajectory() -> None:

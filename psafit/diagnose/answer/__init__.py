@@ -74,9 +74,7 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
     if d.draft:
         found.append(Drafted(d.draft))
     if d.next_experiment.proposals:
-        purpose = d.next_experiment.purpose
-        of_sets = purpose is not None and purpose.kind == "separate"
-        found.append(Next(d.next_experiment, d.quick and of_sets and len(d.alternatives) > 1))
+        found.append(Next(d.next_experiment, d.leaves_tied))
     return (*found, Searched(d.looked_at, d.settings.search.missed))
 
 

@@ -220,6 +220,13 @@ class Diagnosis(Brief):
         return folder / name
 
     @property
+    def leaves_tied(self) -> bool:
+        """Whether more sets are tied than the proposals of a quick diagnosis distinguish."""
+        purpose = self.next_experiment.purpose
+        of_sets = purpose is not None and purpose.kind == "separate"
+        return self.quick and of_sets and len(self.alternatives) > 1
+
+    @property
     def mostly_unnamed(self) -> bool:
         """Whether a discrepancy without a name is more probable than all that has one."""
         return self.unnamed > 0.5

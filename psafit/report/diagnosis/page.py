@@ -58,6 +58,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "all_groups": ",".join(str(g) for g in result.groups),
         "mostly_unnamed": result.mostly_unnamed,
         "quick": result.quick,
+        "leaves_tied": result.leaves_tied,
         **overview.content(shown, pictured),
         **misfit.content(result, experiment),
         **causes.content(result, shown, pictured),
