@@ -43,7 +43,7 @@ from cases import Case
 from psafit.drives import Drive, Table
 from psafit.errors import ConvergenceError
 from psafit.inference.candidate import Candidate, built_up, united
-from psafit.inference.optimise import polish
+from psafit.inference.polish import polish
 from psafit.inference.problem import Problem
 from psafit.inference.sample import SampleSettings, first, second
 from psafit.simulate import Design, simulate

@@ -28,7 +28,7 @@ from psafit.diagnose.isolability import IsolabilitySettings
 from psafit.diagnose.possible import TraceSettings, contact_times, traces
 from psafit.experiment import Experiment, Group, read_experiment
 from psafit.inference import noise
-from psafit.inference.optimise import gradient
+from psafit.inference.optimiser import gradient
 from psafit.inference.problem import Problem
 from psafit.observables import OBSERVABLES, OF_LAUNCHES, VELOCITY
 from psafit.physics import baseline, terms

@@ -16,8 +16,8 @@ from psafit.drives import Drive, Table
 from psafit.experiment import Conditions, Experiment, Plan, read_experiment, write_experiment
 from psafit.inference import noise
 from psafit.inference.candidate import optimised
-from psafit.inference.optimise import starts_of
 from psafit.inference.problem import Problem
+from psafit.inference.starts import starts_of
 from psafit.observables import DISPLACEMENT, OBSERVABLES, VELOCITY
 from psafit.physics import term, terms
 from psafit.physics.term import Term

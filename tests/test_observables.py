@@ -15,8 +15,7 @@ from psafit.experiment import Experiment, Group, describe, fingerprint, read_exp
 from psafit.experiment.writer import table_text
 from psafit.inference import noise
 from psafit.inference.candidate import optimised
-from psafit.inference.optimise import gradient
-from psafit.inference.optimiser import expansion, slopes
+from psafit.inference.optimiser import expansion, gradient, slopes
 from psafit.inference.problem import Problem
 from psafit.observables import CONTACT_TIME, LAUNCH_RANGE, LAUNCH_SPEED, OF_LAUNCHES
 from psafit.simulate import Design, simulate

@@ -16,8 +16,7 @@ from psafit.errors import InputError
 from psafit.experiment import Conditions, describe, read_experiment, read_plan, write_experiment
 from psafit.inference import noise
 from psafit.inference.candidate import optimised
-from psafit.inference.optimise import gradient
-from psafit.inference.optimiser import expansion, slopes
+from psafit.inference.optimiser import expansion, gradient, slopes
 from psafit.inference.problem import Problem
 from psafit.observables import DISPLACEMENT, OBSERVABLES, TIP_DISPLACEMENT, VELOCITY
 from psafit.physics import term

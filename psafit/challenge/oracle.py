@@ -28,7 +28,8 @@ from psafit.experiment import Experiment
 from psafit.inference import noise
 from psafit.inference.candidate import fit
 from psafit.inference.hopping import hopped
-from psafit.inference.optimise import gradient, polish
+from psafit.inference.optimiser import gradient
+from psafit.inference.polish import polish
 from psafit.inference.problem import Problem
 from psafit.observables import Observable
 from psafit.physics import TERMS

@@ -26,7 +26,7 @@ from scipy.stats import t as student
 
 from psafit.arrays import FloatArray
 from psafit.challenge.answer import Scatter, standardised
-from psafit.inference.optimise import gradient
+from psafit.inference.optimiser import gradient
 from psafit.observables import OBSERVABLES
 from psafit.physics import baseline
 from psafit.physics.term import Term

@@ -14,10 +14,10 @@ from scipy.special import erfcx, log_ndtr, logsumexp
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import noise
-from psafit.inference.optimise import joined_values, starts_of
 from psafit.inference.optimiser import Effort, Optima, expansion, log_posteriors, maximise, slopes
 from psafit.inference.problem import Problem
 from psafit.inference.scan import widened
+from psafit.inference.starts import joined_values, starts_of
 from psafit.physics.term import Term
 
 Schedule = tuple[tuple[int, int], ...]

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psafit.inference import optimise
 from psafit.inference.problem import Problem
+from psafit.inference.starts import starts_of
 
 
 @dataclass(frozen=True)
@@ -69,10 +69,10 @@ def cost(
     log_posterior = some.log_posterior(u)  # compiles, too
     best = u[np.argsort(-np.where(np.isfinite(log_posterior), log_posterior, -np.inf), kind="stable")[:batch]]
     each = min(_timed(lambda: some.log_posterior(best)) for _ in range(3)) / len(best)
-    search = _timed(lambda: optimise.starts_of(some, 0, 1, draws)) / draws
+    search = _timed(lambda: starts_of(some, 0, 1, draws)) / draws
     tracemalloc.start()
     try:
-        optimise.starts_of(some, 0, 1, draws)
+        starts_of(some, 0, 1, draws)
         peak = tracemalloc.get_traced_memory()[1] / draws
     finally:
         tracemalloc.stop()

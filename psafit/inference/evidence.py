@@ -85,7 +85,7 @@ class EmulatorSettings:
         Lost at twice that distance.
     """
 
-    rounds: RoundSettings = RoundSettings(draws=2048, most=10, effective=800.0, tail=math.inf)
+    rounds: RoundSettings = RoundSettings(draws=2048, least=2, most=10, effective=800.0, tail=math.inf)
     caution: float = 0.25
     near: float = 1.5
     freedom: tuple[float, ...] = (10.0, 3.0, 1.0, 0.3, 0.1)

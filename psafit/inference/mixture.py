@@ -83,11 +83,13 @@ class StudentMixture:
 
     def each(self, u: FloatArray) -> FloatArray:
         """Log of each Student density at the rows of `u`; (k, n)."""
-        d = u.shape[1]
-        z = self.inverse @ (u.T - self.centre[:, :, None])  # (k, d, n)
+        k, d = self.centre.shape
+        z = (self.inverse.reshape(k * d, d) @ u.T).reshape(k, d, -1)  # of all densities in one product
+        z -= self.inverse @ self.centre[:, :, None]
         constant = gammaln((self.tails + d) / 2) - gammaln(self.tails / 2) - 0.5 * d * math.log(self.tails * math.pi)
         constant = constant + np.log(np.diagonal(self.inverse, axis1=1, axis2=2)).sum(axis=1)
-        return np.asarray(constant[:, None] - 0.5 * (self.tails + d) * np.log1p(np.square(z).sum(axis=1) / self.tails))
+        distance = np.einsum("kdn,kdn->kn", z, z)
+        return np.asarray(constant[:, None] - 0.5 * (self.tails + d) * np.log1p(distance / self.tails))
 
     def around(self, u: FloatArray, weights: FloatArray, width: FloatArray, most: int = 8) -> StudentMixture:
         """A mixture around weighted draws: all of them, and the heaviest with their neighbours.

@@ -24,7 +24,7 @@ from psafit.inference import identify, store
 from psafit.inference.candidate import Candidate, built_up, candidate_at, principal
 from psafit.inference.evidence import ImportanceSample, importance_sample
 from psafit.inference.memory import Memory
-from psafit.inference.optimise import polish, report
+from psafit.inference.polish import polish, report
 from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.run_folder import (
     MARKER,

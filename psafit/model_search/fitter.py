@@ -17,10 +17,10 @@ from psafit.errors import PsafitError
 from psafit.inference.candidate import Candidate, FitSettings, candidate_at, fit, raced, subsampled
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.memory import Arrays, Memory
-from psafit.inference.optimise import joined_values
 from psafit.inference.problem import Problem
 from psafit.inference.sample import SampleSettings, first, joined, second
 from psafit.inference.scan import widened
+from psafit.inference.starts import joined_values
 from psafit.model_search.loop import Foreseen, Ids, Model, reduced
 from psafit.model_search.settings import SearchSettings
 from psafit.model_search.visibility import Effects, effects, may_hide

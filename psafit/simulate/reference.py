@@ -499,12 +499,13 @@ def mp_launch(
     def at(state: Any, dt: Any) -> Any:
         return mp.expm(a * dt) * state
 
-    start, switches = mp.mpf(0), 0
+    start, switches, h = mp.mpf(0), 0, mp.mpf(0)
     while start < total:
         length = mp.mpf(total) - start if sine else min(half, mp.mpf(total) - start)
         n = max(1, int(mp.ceil(length / step)))
-        h = length / n
-        propagate = mp.expm(a * h)
+        before, h = h, length / n
+        if h != before:  # half periods are of one length: one exponential serves them all
+            propagate = mp.expm(a * h)
         for i in range(n):
             after = propagate * z
             width = h

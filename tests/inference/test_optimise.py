@@ -13,7 +13,8 @@ from rigs import TRUTH, measure, rig
 from psafit.errors import ConvergenceError
 from psafit.experiment import Experiment, read_experiment
 from psafit.inference.candidate import Candidate, candidate_at, fit
-from psafit.inference.optimise import gradient, polish, report
+from psafit.inference.optimiser import gradient
+from psafit.inference.polish import polish, report
 from psafit.inference.problem import Problem
 from psafit.physics import terms
 

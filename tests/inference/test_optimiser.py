@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from psafit.experiment import read_experiment
-from psafit.inference.optimise import polish, starts_of
 from psafit.inference.optimiser import expansion, log_posteriors, maximise, maximise_linearly, slopes
+from psafit.inference.polish import polish
 from psafit.inference.problem import Problem
+from psafit.inference.starts import starts_of
 from psafit.physics import terms
 
 EXPERIMENT = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")

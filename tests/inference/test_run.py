@@ -26,8 +26,8 @@ from psafit.files import sha256
 from psafit.inference import identify
 from psafit.inference import run as running
 from psafit.inference.candidate import candidate_at
-from psafit.inference.optimise import polish
 from psafit.inference.optimiser import Effort
+from psafit.inference.polish import polish
 from psafit.inference.problem import Problem
 from psafit.inference.run import fit
 from psafit.inference.run_folder import Run, load

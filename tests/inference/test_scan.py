@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from psafit.experiment import read_experiment
-from psafit.inference.optimise import joined_values
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.inference.scan import ScanSettings, halved, widened
+from psafit.inference.starts import joined_values
 from psafit.physics import terms
 
 EXPERIMENT = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")

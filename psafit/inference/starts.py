@@ -1,22 +1,17 @@
-"""Starts of optimisations, and lmfit's part: the polish of the modes that they lead to.
+"""Starts of optimisations: quasi-random draws of the prior, simulated and judged.
 
-Quasi-random draws of the prior are simulated, and each is judged by its posterior density at the best scatter for it;
-the best that lie apart are starts (`psafit.inference.candidate.fit` goes on from them). Each mode found is polished by
-lmfit: a gradient method, and a simplex where a kink has stopped it.
+Each draw is judged by its posterior density at the best scatter for it; the best that lie apart are starts
+(`psafit.inference.candidate.fit` goes on from them).
 """
 
 from __future__ import annotations
 
 import math
-import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
-import lmfit
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from psafit.arrays import FloatArray
@@ -24,52 +19,6 @@ from psafit.inference import noise
 from psafit.inference.problem import Problem
 from psafit.inference.scan import ScanSettings, halved
 from psafit.physics import baseline
-
-
-def _finite(x: FloatArray, worst: float = 1e12) -> FloatArray:
-    """`x`, with `worst` for what is not finite: worse than any, and its square still a number."""
-    return np.nan_to_num(x, nan=worst, posinf=worst, neginf=-worst)
-
-
-def _lmfit_parameters(problem: Problem, u: FloatArray, n: int) -> lmfit.Parameters:
-    """The first `n` sampling coordinates as lmfit parameters, with the values themselves as expressions."""
-    parameters = lmfit.Parameters()
-    for p, value in zip(problem.parameters[:n], u, strict=True):
-        b = p.sampling_bounds
-        margin = 1e-9 * (b.upper - b.lower)  # lmfit's bound transform is singular at the bound itself
-        value = float(np.clip(value, b.lower + margin, b.upper - margin))
-        if p.prior.coordinate == "log":
-            parameters.add(f"ln_{p.name}", value=value, min=b.lower, max=b.upper)
-            parameters.add(p.name, expr=f"exp(ln_{p.name})")
-        else:
-            parameters.add(p.name, value=value, min=b.lower, max=b.upper)
-    return parameters
-
-
-def _coordinates(parameters: lmfit.Parameters) -> FloatArray:
-    return np.array([p.value for p in parameters.values() if p.expr is None])
-
-
-def _minimize(*arguments: Any, **options: Any) -> lmfit.minimizer.MinimizerResult:
-    with warnings.catch_warnings():
-        # lmfit ends with roots of an inverse curvature that on a flat top is no covariance; we never read them.
-        warnings.filterwarnings("ignore", category=RuntimeWarning, module="lmfit")
-        return lmfit.minimize(*arguments, calc_covar=False, **options)
-
-
-def gradient(
-    f: Callable[[FloatArray], FloatArray], u: FloatArray, bounds: FloatArray, *, by: float = 1e-4
-) -> FloatArray:
-    """Central differences of a batched function at one point, in one batch, one-sided at a bound; (n_dim, ...).
-
-    Coordinates are of order one: steps `by` the cube root of the simulator's relative error (1e-12).
-    """
-    u = np.clip(u, bounds[:, 0], bounds[:, 1])
-    steps = by * np.eye(u.size)
-    above, below = np.minimum(u + steps, bounds[:, 1]), np.maximum(u - steps, bounds[:, 0])
-    both = f(np.concatenate([above, below]))
-    width = np.diag(above - below).reshape(-1, *[1] * (both.ndim - 1))
-    return (both[: u.size] - both[u.size :]) / width
 
 
 def _scatter(
@@ -221,57 +170,3 @@ def joined_values(problem: Problem, values: Mapping[str, float]) -> FloatArray:
         if value is not None and p.bounds.lower <= value <= p.bounds.upper:
             u[i] = p.to_sampling(value)
     return np.clip(u, *problem.bounds.T)
-
-
-def polish(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit.minimizer.MinimizerResult]:
-    """Top of the posterior near `start`, all parameters free: (coordinates, log_posterior, lmfit's result)."""
-
-    def depth(rows: FloatArray) -> FloatArray:
-        return _finite(-problem.log_posterior(rows))
-
-    result = _minimize(
-        lambda q: float(depth(_coordinates(q)[None, :])[0]),
-        _lmfit_parameters(problem, start, problem.n_dim),
-        method="bfgs",
-        jac=lambda q: gradient(depth, _coordinates(q), problem.bounds),
-        options={"gtol": 1e-4},
-    )
-    # A simplex goes on where a kink has stopped the gradient.
-    u, here = _coordinates(result.params), float(result.residual[0])
-    simplex = u + 0.02 * np.vstack([np.zeros(u.size), np.eye(u.size)])
-    polished = minimize(
-        lambda v: float(depth(v[None, :])[0]),
-        u,
-        method="Nelder-Mead",
-        bounds=problem.bounds,
-        options={
-            "initial_simplex": np.clip(simplex, *problem.bounds.T),
-            "maxfev": 60 * u.size,
-            "fatol": 1e-3,
-            "xatol": 1e-3,
-        },
-    )
-    if polished.fun < here:
-        u = np.asarray(polished.x)
-    return u, float(problem.log_posterior(u[None, :])[0]), result
-
-
-def report(result: lmfit.minimizer.MinimizerResult, top: FloatArray, covariance: FloatArray) -> str:
-    """How lmfit's optimisation ended, and its table of the parameters.
-
-    Parameters
-    ----------
-    result : MinimizerResult
-        Of `polish`.
-    top : (n_dim,) array
-        Where the optimisation went on to from where lmfit's part of it ended.
-    covariance : (n_dim, n_dim) array
-        Of the sampling coordinates there, for the standard errors.
-    """
-    free = [p for p in result.params.values() if p.expr is None]
-    for p, value, error in zip(free, top, np.sqrt(np.diag(covariance)), strict=True):
-        p.value, p.stderr = float(value), float(error)
-    for name, p in result.params.items():
-        if p.expr is not None:
-            p.stderr = p.value * result.params[f"ln_{name}"].stderr
-    return f"{result.method}: {result.message}\n{lmfit.fit_report(result.params, show_correl=False)}"
