@@ -179,24 +179,31 @@ class Recovery:
 
 @dataclass(frozen=True)
 class Target:
-    """One line of the table of targets; `holds` is None where no data set asks for it."""
+    """One line of the table of targets.
+
+    `holds` is None where no data set asks for it. `sure` is whether the 95 % interval of the rate says the same as the
+    rate.
+    """
 
     what: str
     value: float | None
     target: str
     holds: bool | None
     rate: Rate
+    sure: bool = True
 
     @property
     def verdict(self) -> str:
         """Whether it holds, in words."""
-        return "not asked" if self.holds is None else "holds" if self.holds else "misses"
+        if self.holds is None:
+            return "not asked"
+        return ("holds" if self.holds else "misses") + ("" if self.sure else " so far")
 
     @property
     def text(self) -> str:
         """The line for a terminal."""
         count = f"{self.rate.k} of {self.rate.n}"
-        return f"{self.verdict:9}  {percent(self.value):>5}  ({self.target}, {count})  {self.what}"
+        return f"{self.verdict:13}  {percent(self.value):>5}  ({self.target}, {count})  {self.what}"
 
 
 @dataclass(frozen=True)
@@ -473,25 +480,32 @@ def _targets(
             0.03,
             _opposite(reliability[-1].right),
         ),
-        Target(
+        _between(
             "90 % intervals, truths of at most two causes drawn from the priors, whatever is named: hold the truth",
-            unselected.share,
             "87 to 93 %",
-            None if unselected.share is None else 0.87 <= unselected.share <= 0.93,
             unselected,
+            0.87,
+            0.93,
         ),
     ]
 
 
 def _at_least(what: str, least: float, hits: Iterable[bool]) -> Target:
-    found = rate(hits)
-    holds = None if found.share is None else found.share >= least
-    return Target(what, found.share, f"at least {100 * least:g} %", holds, found)
+    return _between(what, f"at least {100 * least:g} %", rate(hits), least, 1.0)
 
 
 def _at_most(what: str, most: float, found: Rate) -> Target:
-    holds = None if found.share is None else found.share <= most
-    return Target(what, found.share, f"at most {100 * most:g} %", holds, found)
+    return _between(what, f"at most {100 * most:g} %", found, 0.0, most)
+
+
+def _between(what: str, target: str, found: Rate, least: float, most: float) -> Target:
+    if found.share is None or found.lower is None or found.upper is None:
+        return Target(what, None, target, None, found)
+    holds = least <= found.share <= most
+    apart = found.upper < least or found.lower > most
+    return Target(
+        what, found.share, target, holds, found, least <= found.lower <= found.upper <= most if holds else apart
+    )
 
 
 def _opposite(found: Rate) -> Rate:

@@ -14,7 +14,7 @@ from psafit.challenge.score import SEEN_NATS, GainBin, Mean, ProbabilityBin, Rat
 from psafit.report.figures.axes import label as tick
 from psafit.report.page import figure_data_uri, render
 from psafit.report.style import PALETTE, WIDE, figure_style, new_figure
-from psafit.report.wording import NBSP, percent
+from psafit.report.wording import NBSP, percent, typeset
 from psafit.text import count, fixed
 
 
@@ -56,7 +56,7 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
                 _share(t.value),
                 _interval(t.rate),
                 f"{t.rate.k} of {t.rate.n}",
-                {"text": t.verdict, "kind": _KINDS[t.holds]},
+                {"text": t.verdict, "kind": _KINDS[t.holds] if t.sure else "warn"},
             ]
             for t in score.targets
         ],
@@ -109,7 +109,11 @@ def _wanted(r: Rate) -> str:
 
 
 def _between(m: Mean) -> str:
-    return "" if m.lower is None or m.upper is None else f"; 95{NBSP}%: {fixed(m.lower, 2)} to {fixed(m.upper, 2)}"
+    return (
+        ""
+        if m.lower is None or m.upper is None
+        else f"; 95{NBSP}%: {typeset(f'{fixed(m.lower, 2)} to {fixed(m.upper, 2)}')}"
+    )
 
 
 def _held(text: str) -> str:
@@ -121,10 +125,13 @@ def _verdict(score: Score) -> dict[str, str]:
     asked = [t for t in score.targets if t.holds is not None]
     missed = [t for t in asked if not t.holds]
     if missed:
-        return {"text": f"misses {len(missed)} of {len(asked)}", "kind": "bad"}
+        sure = any(t.sure for t in missed)
+        text = f"misses {len(missed)} of {len(asked)}{'' if sure else ' so far'}"
+        return {"text": text, "kind": "bad" if sure else "warn"}
     if len(asked) < len(score.targets):
         return {"text": "holds where asked" if asked else "not asked", "kind": "warn"}
-    return {"text": "holds", "kind": "good"}
+    sure = all(t.sure for t in asked)
+    return {"text": "holds" if sure else "holds so far", "kind": "good" if sure else "warn"}
 
 
 def _every(score: Score) -> str:
@@ -146,7 +153,9 @@ def _sentences(score: Score) -> list[Markup]:
             " the log likelihood of the true model, fitted, less that of the baseline, refitted."
         ).format(count(score.n, "data set"), "was" if score.n == 1 else "were", failed),
         Markup("<strong>Can the verdicts be trusted?</strong> {}").format(
-            Markup("Not in: {}.").format(listing) if missed else _every(score)
+            Markup("Not{} in: {}.").format("" if any(t.sure for t in missed) else " so far", listing)
+            if missed
+            else _every(score)
         ),
         Markup(
             "<strong>What goes wrong?</strong> False alarms: {} of {} with nothing hidden. Of {} effects that an oracle"
@@ -167,7 +176,7 @@ def _tiles(score: Score) -> list[dict[str, str]]:
          "label": f"of {count(covered.n, 'parameter interval')} hold the truth{_wanted(covered)}"},
         {"value": _share(drawn.share),
          "label": f"of {count(drawn.n, 'interval')} whose truth was drawn from the priors{_wanted(drawn)}"},
-        {"value": "–" if printed.mean is None else f"{fixed(printed.mean, 2)}{NBSP}nats",
+        {"value": "–" if printed.mean is None else f"{typeset(fixed(printed.mean, 2))}{NBSP}nats",
          "label": f"log score of the probabilities, of {count(printed.n, 'data set')}"
          + _between(printed)},
         {"value": seconds(score.seconds["median"]), "label": "median time of a diagnosis"},
