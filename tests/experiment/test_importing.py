@@ -392,6 +392,18 @@ def test_sheets(tmp_path: Path) -> None:
         read_files([file], Options(waveforms=("sine",), sheets=("mid",)))
 
 
+def test_a_number_is_read_as_a_spreadsheet_shows_it(tmp_path: Path) -> None:
+    """A formula left 0.1 times 7, which is no 0.7."""
+    from openpyxl import Workbook
+
+    book = Workbook()
+    for row in (["f (kHz)", "Vp", "Range (µm)"], [0.1 * 7, 20, 76], [1.2, 20, 50]):
+        book.active.append(row)
+    book.save(tmp_path / "book.xlsx")
+    (table,) = read_files([tmp_path / "book.xlsx"], SINE)
+    assert table.groups[0].frequency_hz.tolist() == [700.0, 1200.0]
+
+
 def test_drawn_files_are_read_right_or_asked_about(tmp_path: Path) -> None:
     asked = 0
     for number in range(300):

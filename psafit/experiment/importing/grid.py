@@ -216,7 +216,12 @@ def _sheets(file: Path, options: Options) -> list[Grid]:
 
 
 def _trimmed(row: Sequence[object]) -> tuple[Cell, ...]:
-    cells = [cell.strip() if isinstance(cell, str) else cell for cell in row]
+    cells = [cell.strip() if isinstance(cell, str) else _displayed(cell) for cell in row]
     while cells and cells[-1] in ("", None):
         del cells[-1]
     return tuple(cells)
+
+
+def _displayed(cell: Cell) -> Cell:
+    """A number as a spreadsheet shows it, to 15 digits: a formula may leave 0.7000000000000001."""
+    return float(f"{cell:.15g}") if isinstance(cell, float) else cell
