@@ -78,6 +78,7 @@ WAVES: dict[str, tuple[list[str], dict[str, Decimal]]] = {
     "triangle": (["triangle", "Dreieck"], BIPOLAR | {"rms": Decimal(3).sqrt()}),
     "unipolar_sine": (["unipolar sine", "haversine"], {"pp": Decimal(1), "peak": Decimal(1)}),
     "unipolar_square": (["unipolar square", "pulse", "TTL"], {"pp": Decimal(1), "peak": Decimal(1)}),
+    "unipolar_triangle": (["unipolar triangle"], {"pp": Decimal(1), "peak": Decimal(1)}),
 }
 # By setting of a drive: what it is called, units with what turns a value into psafit's, and its bounds.
 SETTINGS: dict[str, tuple[list[str], dict[str, Decimal], tuple[float, float]]] = {

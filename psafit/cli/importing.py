@@ -232,6 +232,9 @@ def _columns_text(table: Table) -> list[str]:
     for heading, known in table.errors:
         said = shlex.quote(f"{heading}={known}")
         lines.append(f"  {heading!r} may hold the known error of each reading; if so, say --column {said}")
+    for heading, reading in table.possible:
+        said = shlex.quote(f"{heading}={reading}")
+        lines.append(f"  {heading!r} may be {reading}; if so, say --column {said} (with another --out)")
     lines += [f"  not used: {heading!r} is {column}, which psafit cannot use yet" for heading, column in table.not_yet]
     lines += [f"  line {line} is not read: {text[:80]!r}; if it counts, {remedy}" for line, text, remedy in table.above]
     lines += [f"  line {line} left out: {text[:80]}" for line, text in table.left_out[:3]]

@@ -401,7 +401,7 @@ def completed(
     import numpy as np
 
     from psafit.experiment import session_name
-    from psafit.experiment.text import did_you_mean
+    from psafit.experiment.text import did_you_mean, listed
     from psafit.observables import OBSERVABLES
     from psafit.physics import informed, owner
 
@@ -424,6 +424,8 @@ def completed(
         remedy = f"add --terms {cause}" if cause else did_you_mean(unknown[0], wanted)
         if unknown[0] in {p.name for o in OBSERVABLES for p in o.scatter}:
             remedy = "it is of the scatter: add --readings FOLDER --seed N"
+            if scatter:
+                remedy = f"that of these readings has {listed(p.name for p in scatter)}"
         if hasattr(plan.constants, unknown[0]):
             remedy = "it is a constant of the rig: change [constants] in experiment.toml, or give one group its own"
         raise InputError(f"no parameter {unknown[0]}", remedy)

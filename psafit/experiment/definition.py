@@ -154,6 +154,8 @@ class Definition:
                 found = _COMMA.search(rows[line - 1].rstrip("\r")) if line else None
                 if line is None or found is None:
                     remedy = "correct the syntax (text in quotes, one key = value a line)"
+                    if line and rows[line - 1].split("#")[0].strip() == "[group]":
+                        remedy = "head each group with [[group]], in double brackets"
                     if line and re.search(r"\d,\d", rows[line - 1]):
                         remedy = "correct the syntax, and write decimal points, not commas"
                     self.faults.add(InputError(f"not valid TOML: {message}", remedy, file=self.file, line=line))
@@ -485,7 +487,7 @@ class Definition:
         if "id" in table:
             with faults.kept():
                 group_id = self._id(i, table["id"])
-        if "waveform" in table:
+        if "waveform" in table and "drive" not in stands_for:
             with faults.kept():
                 drive = self._drive(i, called, table)
         key = "trace" if traced else "file"

@@ -27,7 +27,7 @@ _VOLTS = in_another_unit("V", ["kV"], ["mV"], large=True)
 # Wide enough for any rig of this kind, narrow enough to catch a factor of a thousand in the unit: the ends, the unit,
 # and what to ask below and above.
 _CONSTANTS: dict[str, tuple[float, float, str, str, str]] = {
-    "M": (1e-6, 10.0, "kg", _POWER, "is it given in grams?"),
+    "M": (1e-6, 1.0, "kg", _POWER, "is it given in grams?"),
     "m": (1e-6, 1.0, "kg", _POWER, "is it given in grams?"),
     "q": (1e-11, 1e-5, "m/V", _POWER, "is it given in um/V or nm/V?"),
     "l": (1e-3, 10.0, "m", _POWER, "is it given in mm?"),

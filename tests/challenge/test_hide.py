@@ -143,7 +143,8 @@ def test_drawn_designs_have_every_drive_and_observable_and_other_stacks(tmp_path
     every = [drawn(seed) for seed in range(120)]
     groups = [g for e in every for g in e.groups]
     assert {g.drive.label.partition(" (")[0].replace(" ", "_") for g in groups} == {
-        "sine", "square", "triangle", "unipolar_sine", "unipolar_square", "table", "recorded_drive",
+        "sine", "square", "triangle", "unipolar_sine", "unipolar_square", "unipolar_triangle", "table",
+        "recorded_drive",
     }  # fmt: skip
     assert all(any(getattr(g.drive, key) not in (0.0, math.inf) for g in groups)
                for key in ("bias_v", "idle_v", "phase_deg", "cycles"))  # fmt: skip

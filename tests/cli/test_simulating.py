@@ -172,6 +172,10 @@ def test_simulated_readings_are_an_experiment(known_folder: Path, tmp_path: Path
         (["--readings", exact], "holds something already"),
         (["--readings", tmp_path / "n", "--set", "nu=3"], "it is of the scatter: add --readings FOLDER --seed N"),
         (["--readings", tmp_path / "n", "--seed", 1, "--set", "nu=300"], "nu = 300 is impossible"),
+        (
+            ["--readings", tmp_path / "n", "--seed", 1, "--set", "sigma_rel_launch_speed=0.1"],
+            "that of these readings has sigma_rel, sigma_abs, nu",
+        ),
     ):
         assert run(monkeypatch, "simulate", known_folder, *words) == 2
         error = capsys.readouterr().err

@@ -21,6 +21,7 @@ FORMULAS = {
     "triangle": lambda x: 2 / np.pi * np.arcsin(np.sin(2 * np.pi * x)),
     "unipolar_sine": lambda x: (1 - np.cos(2 * np.pi * x)) / 2,
     "unipolar_square": lambda x: np.where(x < 0.5, 1.0, 0.0),
+    "unipolar_triangle": lambda x: np.arccos(np.cos(2 * np.pi * x)) / np.pi,
 }
 
 
@@ -62,14 +63,17 @@ def test_what_there_is_not_leads_on() -> None:
     for text in (instead("wobbly"), instead("sqare"), instead("burst")):
         assert all(name in text for name in NAMES)
     assert instead("Rechteck unipolar").startswith("did you mean unipolar_square?")
-    assert instead("unipolar").startswith("did you mean unipolar_sine or unipolar_square?")
+    assert instead("unipolar").startswith("did you mean unipolar_sine or unipolar_square or unipolar_triangle?")
+    assert instead("triangle_unipolar").startswith("did you mean unipolar_triangle?")
     assert instead("offset sine").startswith("that is a sine with bias_v")
     assert instead("burst").startswith("that is a waveform with cycles")
     assert instead("cosinus").startswith("that is a sine with phase_deg = 90")
     assert all(
         instead(text).startswith("that is unipolar_sine;") for text in ("1-cos", "(1 - cos(x))/2", "0.5*(1-cos)")
     )
-    assert instead("unipolar ramp").startswith("that is none of psafit's: give one period as a table")
+    assert instead("unipolar ramp").startswith(
+        "that is unipolar_triangle if it rises as long as it falls, else a table"
+    )
     assert instead("|sin|").startswith("that is none of psafit's: give one period as a table")
     assert instead("single pulse").startswith("that is unipolar_square with cycles = 1")
 
@@ -77,7 +81,6 @@ def test_what_there_is_not_leads_on() -> None:
 @pytest.mark.parametrize(
     "wrong",
     [
-        "triangle_unipolar",
         "abs_sine",
         "sin^2",
         "-sine",

@@ -100,6 +100,12 @@ BAD_TOML: dict[str, tuple[str | bytes, int | None, str]] = {
     "unknown group key": (TOML + "sigma = 1\n", 21, "unknown key 'sigma'"),
     "group key in another unit": (TOML + "phase_rad = 1.5\n", 21, "did you mean phase_deg? Its name says its unit"),
     "group key of another meaning": (TOML + "duty_cycle = 0.2\n", 21, "unknown key 'duty_cycle'; known keys: id,"),
+    "single brackets": (TOML.replace("[[group]]", "[group]"), 17, "[[group]], in double brackets"),
+    "a drive's key": (
+        TOML.replace('waveform = "square"', 'waveform = "table"\ndrives = "d.csv"', 1),
+        20,
+        "did you mean drive?",
+    ),
     "group key typo": (TOML.replace("waveform", "wavform", 1), 14, "did you mean waveform?"),
     "extra constant": (TOML.replace("g = ", "k_c = 1e5\ng = "), 10, "unknown key 'k_c'"),
     "constant of another name": (TOML.replace("l = 0.09", "lenght = 0.09"), 8, "M, m, q, l, k_s, g; l is missing"),

@@ -691,6 +691,20 @@ def test_a_known_error_is_proposed_in_print(printed: Callable[[str], str]) -> No
     assert "'SD' may hold the known error of each reading; if so, say --column SD=sigma_um:um" in shown
 
 
+@pytest.mark.parametrize(("name", "column"), [("contact us", "contact_time_us"), ("Fmax (N)", "peak_force_n")])
+def test_what_may_be_another_reading_is_proposed(
+    name: str, column: str, tmp_path: Path, printed: Callable[[str], str]
+) -> None:
+    content = f"f (Hz);Vp;Range (um);{name};Humidity (%)\n1200;20;76;120;40\n1300;20;75;130;41\n"
+    (table,) = tables(tmp_path, content)
+    assert table.possible == ((name, column),)
+    (as_said,) = tables(tmp_path, content, columns=(mapped(f"{name}={column}"),))
+    assert not as_said.possible and [o.column for o in as_said.groups[0].observables] == ["launch_range_um", column]
+    (ignored,) = tables(tmp_path, content, columns=(Mapping(name, "ignore"),))
+    assert not ignored.possible
+    assert f"{name!r} may be {column}; if so, say --column '{name}={column}'" in printed(content)
+
+
 # --- what a file says of its numbers ------------------------------------------------------------------------------
 
 

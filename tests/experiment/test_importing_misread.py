@@ -18,7 +18,7 @@ RESTS = (("idle_v", 0.0),)
 OFFSET = "Frequency (Hz);Amplitude (Vpp);DC offset (V);Range (um)\n1200;20;10;76\n1300;20;10;75\n1400;20;10;73.5\n"
 
 
-@pytest.mark.parametrize("waveform", ["unipolar_sine", "unipolar_square"])
+@pytest.mark.parametrize("waveform", ["unipolar_sine", "unipolar_square", "unipolar_triangle"])
 def test_an_offset_that_makes_a_drive_unipolar_is_counted_once(waveform: str, tmp_path: Path) -> None:
     said: dict[str, Any] = {"waveforms": (waveform,), "values": RESTS}
     asked = refused(tmp_path, OFFSET, **said)

@@ -53,6 +53,7 @@ from psafit.experiment.table import CellFault, readings_of
 from psafit.experiment.text import did_you_mean, listed, shown
 from psafit.experiment.trace_table import TIME
 from psafit.files import read_bytes
+from psafit.observables import OF_LAUNCHES
 
 SETTABLE = (*HELD, *SETTINGS)
 """What may be given for a whole table."""
@@ -382,6 +383,7 @@ def _table(
         unused=tuple(c.title for c in chosen.unused if c.heading.text),
         labelled=tuple(_labelled(chosen, rows.rows)),
         errors=tuple(_errors(chosen, head)),
+        possible=tuple(_possible(chosen, head)),
         not_yet=tuple((c.title, c.column) for c in chosen.not_yet),
         above=(*above(grid, head, chosen, options), *unread_origin(grid, head, chosen, options)),
         left_out=rows.left_out,
@@ -430,6 +432,16 @@ def _errors(chosen: Chosen, head: Head) -> Iterator[tuple[str, str]]:
         if len(could) == 1:
             unit = "" if said else next((f":{c.unit.text}" for c in chosen.of(could[0]) if c.unit), "")
             yield column.option, f"{missing[could[0]]}{unit}"
+
+
+def _possible(chosen: Chosen, head: Head) -> Iterator[tuple[str, str]]:
+    """Columns that are not used and stand in the unit of an observable of launches that no column holds."""
+    missing = {o.column: COLUMNS[o.column].unit for o in OF_LAUNCHES if not (chosen.traced or chosen.of(o.column))}
+    for column in (c for c in chosen.unused if not (c.heading.spreads or c.mapped or c.heading.at)):
+        said = head.unit(column.place)
+        could = [name for name, unit in missing.items() if said and said.kind == unit]
+        if could:
+            yield column.option, could[0]
 
 
 def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options) -> str:

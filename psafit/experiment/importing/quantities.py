@@ -78,6 +78,10 @@ _SPEEDS = (
     "launch speed", "launch velocity", "speed", "velocity", "geschwindigkeit", "startgeschwindigkeit",
     "abwurfgeschwindigkeit", "abfluggeschwindigkeit", "vitesse", "v",
 )  # fmt: skip
+_CONTACTS = (
+    "contact time", "time of contact", "contact duration", "t contact", "contact t", "kontaktzeit", "kontaktdauer",
+    "t kontakt",
+)  # fmt: skip
 _VELOCITIES = ("velocity", "speed", "vibrometer", "geschwindigkeit", "schnelle", "vitesse", "v")
 _PLACES = (
     "displacement", "disp", "position", "vibrometer", "auslenkung", "verschiebung", "weg", "déplacement",
@@ -98,9 +102,7 @@ _ERRORS = ("sigma", "standard uncertainty", "standardunsicherheit")
 _READINGS = (
     Quantity("launch_range_um", "um", _RANGES, "reading", "ball"),
     Quantity("launch_speed_mm_s", "mm/s", _SPEEDS, "reading", "ball"),
-    Quantity(
-        "contact_time_us", "us", ("contact time", "contact duration", "kontaktzeit", "kontaktdauer"), "reading", "ball"
-    ),
+    Quantity("contact_time_us", "us", _CONTACTS, "reading", "ball"),
     Quantity("peak_force_n", "N", ("peak force", "contact force", "force", "kraft", "kontaktkraft"), "reading", "ball"),
 )
 _SIGMA = {o.column: o.sigma_column for o in OF_LAUNCHES}

@@ -201,6 +201,8 @@ class Table:
         Those of them that hold a label for each block of rows, and how many labels.
     errors : tuple of (str, str)
         Those of them that may hold the known error of a reading, and what `--column` would call them.
+    possible : tuple of (str, str)
+        Those of them that may hold another reading, and what `--column` would call them.
     not_yet : tuple of (str, str)
         Headings that were recognised as a quantity that psafit cannot use, and that quantity.
     above : tuple of (int, str, str)
@@ -224,6 +226,7 @@ class Table:
     unused: tuple[str, ...]
     labelled: tuple[tuple[str, int], ...]
     errors: tuple[tuple[str, str], ...]
+    possible: tuple[tuple[str, str], ...]
     not_yet: tuple[tuple[str, str], ...]
     above: tuple[tuple[int, str, str], ...]
     left_out: tuple[tuple[int, str], ...]
