@@ -270,9 +270,12 @@ def test_every_declared_library_is_explained() -> None:
     assert explained == names
 
 
-def test_the_command_line_starts_light() -> None:
-    """`psafit --help` answers at once: the libraries that take seconds are loaded by the command that needs them."""
-    code = f"import sys, psafit.cli; print(*[m for m in {HEAVY} if m in sys.modules])"
+@pytest.mark.parametrize(
+    ("module", "left_out"), [("psafit.cli", HEAVY), ("psafit.model_search.fitter", ("lmfit", "pandas", "matplotlib"))]
+)
+def test_what_starts_often_starts_light(module: str, left_out: tuple[str, ...]) -> None:
+    """`psafit --help` and a search's processes: what takes seconds to load is loaded by what needs it."""
+    code = f"import sys, {module}; print(*[m for m in {left_out} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == []

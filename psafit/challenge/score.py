@@ -181,8 +181,8 @@ class Recovery:
 class Target:
     """One line of the table of targets.
 
-    `holds` is None where no data set asks for it. `sure` is whether the 95 % interval of the rate says the same as the
-    rate.
+    `holds` is None where no data set asks for it. `sure` is whether the whole 95 % interval lies on the side that the
+    rate does. That bins agree with the diagonal is a test, which only a miss makes sure.
     """
 
     what: str
@@ -501,11 +501,9 @@ def _at_most(what: str, most: float, found: Rate) -> Target:
 def _between(what: str, target: str, found: Rate, least: float, most: float) -> Target:
     if found.share is None or found.lower is None or found.upper is None:
         return Target(what, None, target, None, found)
-    holds = least <= found.share <= most
-    apart = found.upper < least or found.lower > most
-    return Target(
-        what, found.share, target, holds, found, least <= found.lower <= found.upper <= most if holds else apart
-    )
+    inside = least <= found.lower and found.upper <= most
+    outside = found.upper < least or found.lower > most
+    return Target(what, found.share, target, least <= found.share <= most, found, inside or outside)
 
 
 def _opposite(found: Rate) -> Rate:
@@ -614,7 +612,7 @@ def _reliable(bins: Sequence[ProbabilityBin], of: str) -> Target:
     good = rate(b.holds for b in filled)
     holds = all(b.holds for b in filled) if filled else None
     what = f"printed probabilities, {of}: bins within sampling error of the diagonal"
-    return Target(what, good.share, "all of them", holds, good)
+    return Target(what, good.share, "all of them", holds, good, sure=not holds)
 
 
 def _known(result: Result) -> list[tuple[str, float, dict[str, Any]]]:

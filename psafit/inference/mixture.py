@@ -84,7 +84,7 @@ class StudentMixture:
     def each(self, u: FloatArray) -> FloatArray:
         """Log of each Student density at the rows of `u`; (k, n)."""
         k, d = self.centre.shape
-        z = (self.inverse.reshape(k * d, d) @ u.T).reshape(k, d, -1)  # of all densities in one product
+        z = (self.inverse.reshape(k * d, d) @ u.T).reshape(k, d, -1)  # one product for all densities
         z -= self.inverse @ self.centre[:, :, None]
         constant = gammaln((self.tails + d) / 2) - gammaln(self.tails / 2) - 0.5 * d * math.log(self.tails * math.pi)
         constant = constant + np.log(np.diagonal(self.inverse, axis1=1, axis2=2)).sum(axis=1)

@@ -1,7 +1,7 @@
 """lmfit's part of a fit: the polish of the modes that were found.
 
-A gradient method, and a simplex where a kink has stopped it. Only what polishes imports this module, for lmfit takes as
-long to import as all of the rest.
+A gradient method, and a simplex where a kink has stopped it. Only what polishes imports this module: lmfit's import
+takes more than half as long as that of all the rest.
 """
 
 from __future__ import annotations

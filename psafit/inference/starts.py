@@ -1,4 +1,4 @@
-"""Starts of optimisations: quasi-random draws of the prior, simulated and judged.
+"""Starts of optimisations: quasi-random draws of the prior, simulated and judged, or what is known.
 
 Each draw is judged by its posterior density at the best scatter for it; the best that lie apart are starts
 (`psafit.inference.candidate.fit` goes on from them).

@@ -136,14 +136,18 @@ def _verdict(score: Score) -> dict[str, str]:
 
 def _every(score: Score) -> str:
     asked = sum(t.holds is not None for t in score.targets)
-    return f"{asked} of {count(len(score.targets), 'target')} could be asked, and held; the table says of how many."
+    held = "held" if all(t.sure for t in score.targets if t.holds is not None) else "held so far"
+    return f"{asked} of {count(len(score.targets), 'target')} could be asked, and {held}; the table says of how many."
 
 
 def _sentences(score: Score) -> list[Markup]:
     failed = f"; {score.n_failed} without a verdict, which count as misses" if score.n_failed else ""
     missed = [t for t in score.targets if t.holds is False]
     listing = Markup("; ").join(
-        Markup("{} (wanted {}, found {})").format(t.what, _held(t.target), _share(t.value)) for t in missed
+        Markup("{} (wanted {}, found {}{})").format(
+            t.what, _held(t.target), _share(t.value), "" if t.sure else " so far"
+        )
+        for t in missed
     )
     alarms, seen = score.false_alarms, [r for r in score.rows if r.kind != "nothing" and r.gain >= SEEN_NATS]
     inexact = [r for r in seen if r.missed]
@@ -153,9 +157,7 @@ def _sentences(score: Score) -> list[Markup]:
             " the log likelihood of the true model, fitted, less that of the baseline, refitted."
         ).format(count(score.n, "data set"), "was" if score.n == 1 else "were", failed),
         Markup("<strong>Can the verdicts be trusted?</strong> {}").format(
-            Markup("Not{} in: {}.").format("" if any(t.sure for t in missed) else " so far", listing)
-            if missed
-            else _every(score)
+            Markup("Not in: {}.").format(listing) if missed else _every(score)
         ),
         Markup(
             "<strong>What goes wrong?</strong> False alarms: {} of {} with nothing hidden. Of {} effects that an oracle"

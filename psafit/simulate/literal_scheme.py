@@ -150,7 +150,7 @@ def _solve(system: System, tau: float, y: FloatArray, h: float, size: FloatArray
         if not math.isfinite(norm):
             return None
         ratio = norm / previous if previous > 0.0 else 0.0
-        if norm <= 1e-15 or (iteration > 0 and norm * ratio <= 1e-17):  # the next change would be lost in rounding
+        if norm <= 1e-15:
             break
         if ratio > 0.3 and np.all(np.abs(change) <= 1e-13 * scale + floor):
             break  # rounding errors: it will not become better

@@ -503,8 +503,8 @@ def mp_launch(
     while start < total:
         length = mp.mpf(total) - start if sine else min(half, mp.mpf(total) - start)
         n = max(1, int(mp.ceil(length / step)))
-        before, h = h, length / n
-        if h != before:  # half periods are of one length: one exponential serves them all
+        if length / n != h:  # half periods are of one length: one exponential serves them all
+            h = length / n
             propagate = mp.expm(a * h)
         for i in range(n):
             after = propagate * z

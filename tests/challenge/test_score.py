@@ -75,7 +75,7 @@ def test_false_alarms_are_counted() -> None:
 
 
 def test_what_few_data_sets_say_holds_or_misses_so_far() -> None:
-    """Of 100 without a false alarm at most 3.6 % are; of 20 with one that holds for no more than these."""
+    """None in 100 is 3.6 % at most, below the limit; of one in 20 the interval holds the limit."""
     quiet, alarm = result([], verdict="adequate"), result([], verdict="unexplained")
     for calm, alarms, verdict in (
         (100, 0, "holds"),

@@ -393,7 +393,7 @@ def test_sheets(tmp_path: Path) -> None:
 
 
 def test_a_number_is_read_as_a_spreadsheet_shows_it(tmp_path: Path) -> None:
-    """A formula left 0.1 times 7, which is no 0.7."""
+    """A formula left 0.1 times 7, which is not 0.7."""
     from openpyxl import Workbook
 
     book = Workbook()

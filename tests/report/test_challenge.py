@@ -24,7 +24,7 @@ def test_the_page_holds_the_verdict(tmp_path: Path) -> None:
     assert page.count("<img") == 3
     assert "://" not in re.sub(r'src="data:[^"]*"', "", page)
     empty = write_page(score([result([], verdict="adequate")]), tmp_path / "empty.html").read_text()
-    assert "holds where asked" in empty and "1 of 9 targets could be asked, and held" in empty
+    assert "holds where asked" in empty and "1 of 9 targets could be asked, and held so far" in empty
 
 
 def test_several_causes_are_counted_and_not_read_from_a_label() -> None:
