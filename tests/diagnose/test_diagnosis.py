@@ -43,7 +43,8 @@ def test_no_protocol_sees_what_it_scores(tmp_path):
     for name, data in (("as read", e), ("changed", replace(e, groups=groups, fingerprint=fingerprint(RIG, groups)))):
         folder = tmp_path / name
         folder.mkdir()
-        work = diagnosis.Work(data, ("a",), folder, 1, FEW[:1], 1, Silent(), (), Effort(search=CHEAP))
+        effort = Effort(search=CHEAP, draws=8000)  # of 400 limits differ by 5 % by chance
+        work = diagnosis.Work(data, ("a",), folder, 1, FEW[:1], 1, Silent(), (), settings=effort)
         measured = work.gains_of(work.search(data.ids))
         for scored in measured.values():
             assert all(not set(entry.saw) & set(entry.scored_on) for entry in scored.ledger)
@@ -54,7 +55,7 @@ def test_no_protocol_sees_what_it_scores(tmp_path):
             reported.append([[float(row[k]) for k in ("predicted_um", "lower_um", "upper_um")] for row in rows])
     assert reported[0] == reported[2]
     # The searches of the nested protocol begin where all groups have led to, which is another draw of the same.
-    assert np.array(reported[1]) == pytest.approx(np.array(reported[3]), rel=0.05, abs=0.05)
+    assert np.array(reported[1]) == pytest.approx(np.array(reported[3]), rel=0.03, abs=0.05)
 
 
 @pytest.mark.slow
