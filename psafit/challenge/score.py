@@ -177,6 +177,11 @@ class Recovery:
     error: float | None
 
 
+def so_far(sure: bool) -> str:
+    """What is added to a verdict that more data sets may change."""
+    return "" if sure else " so far"
+
+
 @dataclass(frozen=True)
 class Target:
     """One line of the table of targets.
@@ -197,7 +202,7 @@ class Target:
         """Whether it holds, in words."""
         if self.holds is None:
             return "not asked"
-        return ("holds" if self.holds else "misses") + ("" if self.sure else " so far")
+        return ("holds" if self.holds else "misses") + so_far(self.sure)
 
     @property
     def text(self) -> str:

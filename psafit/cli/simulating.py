@@ -423,9 +423,8 @@ def completed(
         cause = owner(unknown[0])
         remedy = f"add --terms {cause}" if cause else did_you_mean(unknown[0], wanted)
         if unknown[0] in {p.name for o in OBSERVABLES for p in o.scatter}:
-            remedy = "it is of the scatter: add --readings FOLDER --seed N"
-            if scatter:
-                remedy = f"that of these readings has {listed(p.name for p in scatter)}"
+            here = f"that of these readings has {listed(p.name for p in scatter)}"
+            remedy = here if scatter else "it is of the scatter: add --readings FOLDER --seed N"
         if hasattr(plan.constants, unknown[0]):
             remedy = "it is a constant of the rig: change [constants] in experiment.toml, or give one group its own"
         raise InputError(f"no parameter {unknown[0]}", remedy)

@@ -29,6 +29,7 @@ MAX_ID = 999_999_999
 _GROUP_KEYS = ("id", "waveform", "file")
 _TRACE_KEYS = ("trace", *CONDITION_COLUMNS)
 _DRIVE_KEYS = ("bias_v", "idle_v", "phase_deg", "cycles", "drive")
+_BRACKETS = "head each group with [[group]], in double brackets"
 _CONSTANTS = tuple(f.name for f in fields(Constants))
 # Hard limits of each constant, SI: far beyond any rig; a wrong unit is only warned of.
 LIMITS = {
@@ -155,7 +156,7 @@ class Definition:
                 if line is None or found is None:
                     remedy = "correct the syntax (text in quotes, one key = value a line)"
                     if line and rows[line - 1].split("#")[0].strip() == "[group]":
-                        remedy = "head each group with [[group]], in double brackets"
+                        remedy = _BRACKETS
                     if line and re.search(r"\d,\d", rows[line - 1]):
                         remedy = "correct the syntax, and write decimal points, not commas"
                     self.faults.add(InputError(f"not valid TOML: {message}", remedy, file=self.file, line=line))
@@ -436,7 +437,7 @@ class Definition:
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             raise self.error(
                 "group is not an array of tables",
-                "head each group with [[group]], in double brackets",
+                _BRACKETS,
                 "group",
             )
         if not tables:

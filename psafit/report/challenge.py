@@ -10,7 +10,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from psafit.challenge.score import SEEN_NATS, GainBin, Mean, ProbabilityBin, Rate, Recovery, Score
+from psafit.challenge.score import SEEN_NATS, GainBin, Mean, ProbabilityBin, Rate, Recovery, Score, so_far
 from psafit.report.figures.axes import label as tick
 from psafit.report.page import figure_data_uri, render
 from psafit.report.style import PALETTE, WIDE, figure_style, new_figure
@@ -109,11 +109,9 @@ def _wanted(r: Rate) -> str:
 
 
 def _between(m: Mean) -> str:
-    return (
-        ""
-        if m.lower is None or m.upper is None
-        else f"; 95{NBSP}%: {typeset(f'{fixed(m.lower, 2)} to {fixed(m.upper, 2)}')}"
-    )
+    if m.lower is None or m.upper is None:
+        return ""
+    return typeset(f"; 95{NBSP}%: {fixed(m.lower, 2)} to {fixed(m.upper, 2)}")
 
 
 def _held(text: str) -> str:
@@ -126,27 +124,24 @@ def _verdict(score: Score) -> dict[str, str]:
     missed = [t for t in asked if not t.holds]
     if missed:
         sure = any(t.sure for t in missed)
-        text = f"misses {len(missed)} of {len(asked)}{'' if sure else ' so far'}"
-        return {"text": text, "kind": "bad" if sure else "warn"}
+        return {"text": f"misses {len(missed)} of {len(asked)}{so_far(sure)}", "kind": "bad" if sure else "warn"}
     if len(asked) < len(score.targets):
         return {"text": "holds where asked" if asked else "not asked", "kind": "warn"}
     sure = all(t.sure for t in asked)
-    return {"text": "holds" if sure else "holds so far", "kind": "good" if sure else "warn"}
+    return {"text": f"holds{so_far(sure)}", "kind": "good" if sure else "warn"}
 
 
 def _every(score: Score) -> str:
-    asked = sum(t.holds is not None for t in score.targets)
-    held = "held" if all(t.sure for t in score.targets if t.holds is not None) else "held so far"
-    return f"{asked} of {count(len(score.targets), 'target')} could be asked, and {held}; the table says of how many."
+    asked = [t for t in score.targets if t.holds is not None]
+    of = f"{len(asked)} of {count(len(score.targets), 'target')}"
+    return f"{of} could be asked, and held{so_far(all(t.sure for t in asked))}; the table says of how many."
 
 
 def _sentences(score: Score) -> list[Markup]:
     failed = f"; {score.n_failed} without a verdict, which count as misses" if score.n_failed else ""
     missed = [t for t in score.targets if t.holds is False]
     listing = Markup("; ").join(
-        Markup("{} (wanted {}, found {}{})").format(
-            t.what, _held(t.target), _share(t.value), "" if t.sure else " so far"
-        )
+        Markup("{} (wanted {}, found {}{})").format(t.what, _held(t.target), _share(t.value), so_far(t.sure))
         for t in missed
     )
     alarms, seen = score.false_alarms, [r for r in score.rows if r.kind != "nothing" and r.gain >= SEEN_NATS]

@@ -315,6 +315,7 @@ def test_each_drive_far_below_zero_is_reported(tmp_path: Path) -> None:
         ('waveform = "sine"\nbias_v = 10\nidle_v = 0', ""),
         ('waveform = "sine"\nidle_v = -30', "goes down to -30 V"),
         ('waveform = "triangle"', "if it goes from 0 to V: unipolar_triangle"),
+        ('waveform = "unipolar_sine"\nbias_v = -40\nidle_v = 0', "is its sign right, and bias_v?"),
     ],
 )
 def test_what_a_drive_far_below_zero_could_be_is_asked(tmp_path: Path, keys: str, said: str) -> None:

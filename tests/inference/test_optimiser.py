@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from psafit.experiment import read_experiment
-from psafit.inference.optimiser import expansion, log_posteriors, maximise, maximise_linearly, slopes
+from psafit.inference.optimiser import expansion, gradient, log_posteriors, maximise, maximise_linearly, slopes
 from psafit.inference.polish import polish
 from psafit.inference.problem import Problem
 from psafit.inference.starts import starts_of
@@ -177,3 +177,8 @@ def test_a_coordinate_at_its_bound_is_held_there():
     end = maximise(one, row[None, :])
     assert end.u[0, 3] == one.bounds[3, 0]
     assert end.log_posterior[0] >= start.log_posterior.max() - 3.0
+
+
+def test_gradient_is_one_sided_at_a_bound() -> None:
+    slope = gradient(lambda u: np.sqrt(u[:, 0]) + 2 * u[:, 1], np.array([1.0, 0.0]), np.array([[0.0, 1.0], [0.0, 5.0]]))
+    assert slope == pytest.approx([0.5, 2.0], rel=1e-3)

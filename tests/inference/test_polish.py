@@ -13,7 +13,6 @@ from rigs import TRUTH, measure, rig
 from psafit.errors import ConvergenceError
 from psafit.experiment import Experiment, read_experiment
 from psafit.inference.candidate import Candidate, candidate_at, fit
-from psafit.inference.optimiser import gradient
 from psafit.inference.polish import polish, report
 from psafit.inference.problem import Problem
 from psafit.physics import terms
@@ -109,8 +108,3 @@ def test_a_cause_never_fits_worse_than_none() -> None:
         strength = problem.terms[0].strength
         neutral = float(strength.log_prior(strength.to_sampling(strength.neutral)))
         assert found(problem).log_posterior > nothing + neutral - 1.0
-
-
-def test_gradient_is_one_sided_at_a_bound() -> None:
-    slope = gradient(lambda u: np.sqrt(u[:, 0]) + 2 * u[:, 1], np.array([1.0, 0.0]), np.array([[0.0, 1.0], [0.0, 5.0]]))
-    assert slope == pytest.approx([0.5, 2.0], rel=1e-3)

@@ -436,12 +436,11 @@ def _errors(chosen: Chosen, head: Head) -> Iterator[tuple[str, str]]:
 
 def _possible(chosen: Chosen, head: Head) -> Iterator[tuple[str, str]]:
     """Columns that are not used and stand in the unit of an observable of launches that no column holds."""
-    missing = {o.column: COLUMNS[o.column].unit for o in OF_LAUNCHES if not (chosen.traced or chosen.of(o.column))}
-    for column in (c for c in chosen.unused if not (c.heading.spreads or c.mapped or c.heading.at)):
+    missing = {COLUMNS[o.column].unit: o.column for o in OF_LAUNCHES if not chosen.of(o.column)}
+    for column in () if chosen.traced else chosen.unused:
         said = head.unit(column.place)
-        could = [name for name, unit in missing.items() if said and said.kind == unit]
-        if could:
-            yield column.option, could[0]
+        if said and said.kind in missing and not (column.heading.spreads or column.mapped or column.heading.at):
+            yield column.option, missing[said.kind]
 
 
 def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options) -> str:

@@ -382,10 +382,8 @@ def _no_number(cell: Cell, text: str, column: Column, notation: Notation) -> tup
             f"{shown(text)} is no number with {shown(notation.decimal)} as decimal mark, as the others have",
             f"write all numbers in one way, or say --decimal {other.decimal}",
         )
-    remedy = "correct it, or delete the row"
-    if not condition:
-        remedy = "correct it; if it was not read, empty the cell, or delete the row if nothing was"
-    return f"{shown(text)} is not a number", remedy
+    unread = "; if it was not read, empty the cell, or delete the row if nothing was"
+    return f"{shown(text)} is not a number", f"correct it{', or delete the row' if condition else unread}"
 
 
 def _factor(number: Number, column: Column, drive: Drive, text: str) -> Decimal:
