@@ -195,6 +195,8 @@ def section(e: CauseEntry) -> Iterator[str]:
     yield "\n".join(f"- *Prior of* ${p.symbol}$: {cell(p.source)}." for p in parameters)
     why = cell(e.because) or "a surprise, like most causes"
     yield f"*At work, before any reading:* probability {number(e.probability)}; {why}."
+    if e.look:
+        yield f"*To see it without launches:* {cell(e.look)}."
     s = e.symptom
     sign = {1: "raises the range", -1: "lowers the range", 0: "may raise or lower the range"}[s.sign]
     on = " and ".join(f"{name}s" for name in s.waveforms)

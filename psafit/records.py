@@ -112,6 +112,8 @@ class CauseEntry:
         That it is at work, before any reading.
     because : str
         Why.
+    look : str
+        What to look at on the rig to see it without launches.
     drives : str
         On which drives it has a meaning: "every", "stated" or "shifting"; see `psafit.physics.term.DRIVES`.
     plugin : str
@@ -131,6 +133,7 @@ class CauseEntry:
     path: str
     probability: float = 0.04
     because: str = ""
+    look: str = ""
     drives: str = "every"
     plugin: str = ""
 

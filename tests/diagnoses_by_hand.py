@@ -19,6 +19,7 @@ from psafit.diagnose.record.models import (
     CauseResult,
     Evidence,
     ExtensionRun,
+    Look,
     ModelShown,
     ParameterResult,
     ScreeningResult,
@@ -149,6 +150,7 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
             )
         },
         unnamed=0.03,
+        looks=[Look("hysteresis", "what the stack does", 0.62, True, parameters("hysteresis_strength"))],
         screening=[
             ScreeningResult("hysteresis", "present", 120.0, 163.4, 1.9, 118.0, 0.31, "1", 14.0, 0.64),
             ScreeningResult("gap", "not present", 3.0, 4.4, 1.4, -1.0, 2e-7, "m", 5.0, 0.33, 7e-7),

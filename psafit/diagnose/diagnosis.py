@@ -23,6 +23,7 @@ from psafit.diagnose.folder import claim, held_in, identity_of
 from psafit.diagnose.gain import Choice
 from psafit.diagnose.influence import influence
 from psafit.diagnose.judging import Judgement, judge
+from psafit.diagnose.looks import looks
 from psafit.diagnose.next_experiment import NextExperiment, Purpose
 from psafit.diagnose.record import PAGE, PREDICTIONS, RESULT, Confusion, Diagnosis
 from psafit.diagnose.record.misfit import MisfitResult
@@ -226,12 +227,11 @@ class Work:
             judgement = judge(model_set, self.catalogue, self.settings, seed=self.seed)
             verdict, adopted = judgement.verdict, judgement.adopted
             misfit, laws = self._tested(judgement)
-        draws = model_set.draws(adopted.ids, self.seed)
+        draws = model_set.draws(adopted.ids, self.seed).resampled(self.settings.draws)
         if not self.drawing:
             self._forget()
         numerics = refine(adopted.problem, adopted.modes[:1], experiment.fingerprint)
-        rows = predictive(adopted.problem, draws.resampled(self.settings.draws), self.seed)
-        write_predictions(self.folder / PREDICTIONS, rows)
+        write_predictions(self.folder / PREDICTIONS, predictive(adopted.problem, draws, self.seed))
         with self._stage("next experiment"):
             most = self.settings.rehearsed
             proposal = _next(judgement, self.seed, most, None if quick else self.watcher)
@@ -269,6 +269,7 @@ class Work:
             unexplained_by=verdict.unexplained_by,
             by_likelihood=[list(ids) for ids in verdict.by_likelihood],
             counted=results.counted_of(model_set, judgement.adopted),
+            looks=looks(causes, verdict, self.catalogue),
             sentences=[],
             unnamed=verdict.unnamed,
             screening=screening,

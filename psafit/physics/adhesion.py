@@ -80,6 +80,7 @@ TERM = Term(
             tolerance=2e-5,
         ),
     ),
+    look="the force that lifts the resting ball off the face, by tilting the rig or with a spring",
     literal=literal,
     setup=setup,
 )

@@ -73,6 +73,7 @@ TERM = Term(
             tolerance=1e-5,
         ),
     ),
+    look="the voltage at the stack after a step of the command, on an oscilloscope",
     literal=literal,
     setup=setup,
 )

@@ -88,6 +88,7 @@ TERM = Term(
             1.8,
         ),
     ),
+    look="the amplitude at the stack, on an oscilloscope",
     literal=literal,
     setup=setup,
     drives="stated",

@@ -182,6 +182,7 @@ TERM = Term(
             tolerance=1e-9,
         ),
     ),
+    look="the free tip's stroke per volt, at small amplitudes and at the rated voltage",
     literal=literal,
     stack_factor=stack_factor,
     branch=branch,

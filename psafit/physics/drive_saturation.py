@@ -70,6 +70,7 @@ TERM = Term(
             240 / 26,
         ),
     ),
+    look="the free tip's stroke per volt, at several amplitudes",
     literal=literal,
     stack_factor=stack_factor,
 )

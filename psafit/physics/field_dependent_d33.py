@@ -68,6 +68,7 @@ TERM = Term(
             -2.34e-6,
         ),
     ),
+    look="the free tip's stroke per volt, at several amplitudes",
     literal=literal,
     stack_factor=stack_factor,
 )

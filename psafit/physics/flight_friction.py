@@ -68,6 +68,7 @@ TERM = Term(
             5.4e-4,
         ),
     ),
+    look="how a free swing of the ball dies out, away from the tip (by friction each swing loses the same)",
     literal=literal,
     deceleration=deceleration,
 )

@@ -113,6 +113,7 @@ TERM = Term(
             4e6 / (1e3 * math.pi),
         ),
     ),
+    look="the motion of the wall behind the stack during a launch, with a vibrometer",
     literal=literal,
     setup=setup,
 )

@@ -76,6 +76,7 @@ TERM = Term(
             0.8e-6,
         ),
     ),
+    look="whether ball and tip touch at rest, by electrical contact if both conduct, else under a microscope",
     literal=literal,
     setup=setup,
 )

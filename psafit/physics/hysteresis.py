@@ -93,6 +93,7 @@ TERM = Term(
             tolerance=1e-9,
         ),
     ),
+    look="the free tip's displacement against the voltage, over one slow cycle",
     literal=literal,
     branch=branch,
 )

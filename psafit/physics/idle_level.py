@@ -73,6 +73,7 @@ TERM = Term(
             40.0,
         ),
     ),
+    look="the voltage at the stack before the drive begins, with a voltmeter",
     literal=literal,
     setup=setup,
     drives="stated",

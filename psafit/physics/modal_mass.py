@@ -79,6 +79,7 @@ TERM = Term(
             tolerance=1e-5,
         ),
     ),
+    look="the first resonance of the stack without the ball, by its impedance or a vibrometer",
     literal=literal,
     setup=setup,
 )

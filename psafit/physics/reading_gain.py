@@ -78,6 +78,7 @@ TERM = Term(
             60e-6,
         ),
     ),
+    look="what the instrument reads of a known distance, in each session",
     literal=literal,
     reading=reading,
     latent=Parameter(

@@ -66,6 +66,7 @@ TERM = Term(
         Check("L = 0.4 um, b = 0.3 um: sqrt(0.16 + 0.09) um = 0.5 um", lambda: _read(4e-7, 3e-7), 5e-7),
         Check("L = 12 um, b = 5 um: sqrt(144 + 25) um = 13 um", lambda: _read(12e-6, 5e-6), 13e-6),
     ),
+    look="what the instrument reads while the ball hangs at rest",
     literal=literal,
     reading=reading,
 )

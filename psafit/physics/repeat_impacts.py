@@ -67,6 +67,7 @@ TERM = Term(
             1.875e-3,
         ),
     ),
+    look="the ball's speed over the first periods of the drive, with a vibrometer or a fast camera",
     literal=literal,
     setup=setup,
 )

@@ -79,6 +79,7 @@ TERM = Term(
             8e-6,
         ),
     ),
+    look="the steepest rise of the voltage at the stack, at full amplitude, on an oscilloscope",
     literal=literal,
     setup=setup,
 )

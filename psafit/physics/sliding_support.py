@@ -92,6 +92,7 @@ TERM = Term(
             0.066474,
         ),
     ),
+    look="whether the ball touches anything but string and tip",
     literal=literal,
     setup=setup,
 )

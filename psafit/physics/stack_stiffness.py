@@ -78,6 +78,7 @@ TERM = Term(
             93.888,
         ),
     ),
+    look="the way that the tip gives under a known static force",
     literal=literal,
     setup=setup,
 )

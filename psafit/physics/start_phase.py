@@ -76,6 +76,7 @@ TERM = Term(
             -0.15,
         ),
     ),
+    look="the voltage at the stack as the drive begins, on an oscilloscope",
     literal=literal,
     setup=setup,
     drives="shifting",

@@ -70,6 +70,7 @@ TERM = Term(
         ),
         Check("free stroke at 20 V with r_q = 1.15: 2.4 um x 1.15 = 2.76 um", lambda: _stroke(1.15, 20.0), 2.76e-6),
     ),
+    look="the free tip's stroke at one known voltage",
     literal=literal,
     setup=setup,
 )

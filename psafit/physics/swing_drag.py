@@ -68,6 +68,7 @@ TERM = Term(
             2.16e-4,
         ),
     ),
+    look="how a free swing of the ball dies out, away from the tip (by drag each swing loses the same share)",
     literal=literal,
     deceleration=deceleration,
 )

@@ -277,6 +277,8 @@ class Term:
         one is expected.
     because : str
         Why. A cause of your own may leave it out.
+    look : str
+        What to look at on the rig to see it without launches, and with what. Empty where no simple look shows it.
     setup : callable, optional
         ``setup(rig, p)`` returns the changed `Setup`; `p` is (n_sets, n_parameters). With a latent parameter it is
         asked for one session after the other, and `p` has one more column: the session's own value.
@@ -322,6 +324,7 @@ class Term:
     literal: Callable[[ReferenceRig, Sequence[float]], None]
     probability: float = 0.04
     because: str = ""
+    look: str = ""
     setup: Callable[[Setup, FloatArray], Setup] | None = None
     law: Callable[[float, float, Any, Any], None] | None = None
     stack_factor: Callable[[float, Any], float] | None = None

@@ -27,6 +27,7 @@ def declaration(term: Term) -> CauseEntry:
         path=path_of([term]),
         probability=term.probability,
         because=term.because,
+        look=term.look,
         drives=term.drives,
         plugin=term.plugin,
     )  # fmt: skip

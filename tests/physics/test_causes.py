@@ -161,6 +161,11 @@ def test_how_probable_a_cause_is_has_a_reason(cause: Term) -> None:
     assert len(cause.because.split()) > 8 and cause.because[0].islower() and not cause.because.endswith(".")
 
 
+@CAUSES
+def test_where_to_look_at_a_cause_is_part_of_a_sentence(cause: Term) -> None:
+    assert not cause.look or (cause.look[0].islower() and cause.look[-1].isalnum() | (cause.look[-1] == ")"))
+
+
 @pytest.mark.parametrize("cause", [t for t in TERMS if t.law], ids=lambda t: t.id)
 def test_derivatives_of_a_law(cause: Term) -> None:
     """Of a law on its own, and of one that follows each other law."""

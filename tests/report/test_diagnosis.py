@@ -128,6 +128,7 @@ def test_record_is_shown(page):
         "change +310.0 to +402.0 nats", "0.900 (×2.46)", "+179.5", "42 % / 91 %", "hysteresis of the stack 80 %",
         "5.00 at 700 nm", "12.5 ± 0.4 nats", "93 %", "−0.800 to −0.610",
         "+179.5 (+150.0 to +210.0)",
+        "Without launches, look at what the stack does: that shows whether", "Without launches", "62 %",
         "l = 0.0750 m", "0.99", "3.1·10⁻⁷", "causes 12.5 s",
         "psafit diagnose experiments/made-up --group 1", "all other sets of causes", "a discrepancy without a name",
         "164 sets of causes were fitted on all readings, 13 of them sampled; the others have 0.4 % of the probability",
@@ -474,7 +475,7 @@ def test_large_sets_are_described_by_what_differs():
 
 def test_a_proposal_that_hardly_separates_is_not_recommended(tmp_path):
     experiment = make_experiment("a rig")
-    record = make_record(experiment)
+    record = replace(make_record(experiment), looks=[])
     best = replace(record.next_experiment.proposals[0], separation=0.36, error=0.05, success=0.0)
     record = replace(record, next_experiment=replace(record.next_experiment, proposals=[best]))
     text = build(record, experiment, tmp_path).first_screen

@@ -28,7 +28,7 @@ from psafit.diagnose.answer.findings import (
 )
 from psafit.diagnose.answer.grounds import ByChance, Calibrated, LivesOn, OneGroup, Searched, SmoothIsBetter
 from psafit.diagnose.answer.statement import Statement
-from psafit.diagnose.answer.worth import CheckFirst, Drafted, Gained, Next, NoGain
+from psafit.diagnose.answer.worth import CheckFirst, Drafted, Gained, LookAt, Next, NoGain
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.record.models import NOT_EXCLUDED, UNSEEN, CauseResult, ParameterResult
@@ -75,6 +75,7 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
         found.append(Drafted(d.draft))
     if d.next_experiment.proposals:
         found.append(Next(d.next_experiment, d.leaves_tied))
+    found += [LookAt(look, d.verdict == "explained") for look in d.looks[:1]]
     return (*found, Searched(d.looked_at, d.settings.search.missed))
 
 

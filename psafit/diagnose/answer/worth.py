@@ -9,6 +9,7 @@ from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.gain import Gain
 from psafit.diagnose.next_experiment import NextExperiment
 from psafit.diagnose.record.misfit import Axis, Draft
+from psafit.diagnose.record.models import Look
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.text import count, fixed
@@ -88,6 +89,20 @@ class CheckFirst(Statement):
             "Check first what psafit takes as given: the waveform, how volts are counted, bias and idle voltage, units,"
             " and the rig's constants."
         )
+
+
+@dataclass(frozen=True)
+class LookAt(Statement):
+    """A cause that the rig itself shows, without launches; `explained` where it is named and nothing contradicts it."""
+
+    topic = "next"
+    found: Look
+    explained: bool
+
+    def say(self, words: Words) -> str:
+        does = "that would confirm {}" if self.explained else "that shows whether {} is at work"
+        how = words.put(does, words.cause(self.found.cause))
+        return words.put("Without launches, look at {}: {}.", self.found.at, how)
 
 
 @dataclass(frozen=True)

@@ -131,6 +131,30 @@ class Counted:
     moved: dict[str, ParameterResult]
 
 
+@dataclass(frozen=True)
+class Look:
+    """A reported cause that a look at the rig itself shows, without launches.
+
+    Parameters
+    ----------
+    cause : str
+    at : str
+        What to look at, and with what: see `psafit.physics.term.Term`.
+    probability : float
+        That the cause is at work, given that the catalogue holds the truth.
+    separates : bool
+        Whether some reported set has the cause and another has not.
+    parameters : dict of str to ParameterResult
+        What the readings say of its parameters, by the most probable reported set that has it.
+    """
+
+    cause: str
+    at: str
+    probability: float
+    separates: bool
+    parameters: dict[str, ParameterResult]
+
+
 ScreeningWord = Literal[
     "present",
     "in the best extension",

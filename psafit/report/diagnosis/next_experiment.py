@@ -9,11 +9,12 @@ from markupsafe import Markup
 
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, ProposalSettings, Rehearsal
 from psafit.diagnose.record import Diagnosis
+from psafit.diagnose.record.models import Look
 from psafit.diagnose.trials import Calibration, Rate
 from psafit.drives import Drive
 from psafit.experiment import CONSTANT_UNITS
 from psafit.observables import OBSERVABLES
-from psafit.report.catalogue import model
+from psafit.report.catalogue import cause, model
 from psafit.report.diagnosis import words
 from psafit.report.diagnosis.answer import PAGE
 from psafit.report.wording import NBSP, listed, number, percent, symbol_html, with_unit
@@ -24,6 +25,7 @@ def content(result: Diagnosis) -> dict[str, Any]:
     """What to measure next, how that would go, and how often such a verdict is right."""
     return {
         "proposals": proposals(result.next_experiment),
+        "looks": looks(result.looks),
         "confusion": rehearsal(result.confusion.repeated) if result.confusion.repeated else None,
         "rehearsals": [rehearsal(one) for one in result.next_experiment.rehearsals or []],
         "calibration": calibration(result.calibration, result.explains),
@@ -60,6 +62,15 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
         "about": about, "separates": found.separates, "several": several, "rows": rows,
         "explains": [words.KINDS_MEAN[e.kind] for e in explanations], "others": several or len(explanations) > 2,
     }  # fmt: skip
+
+
+def looks(found: Sequence[Look]) -> list[list[Any]]:
+    """What to look at on the rig, by cause, with what the readings say that would be seen."""
+    rows = []
+    for look in found:
+        sizes = [PAGE.size(name, p.unit, p.median, p.interval) for name, p in look.parameters.items()]
+        rows.append([cause(look.cause), look.at, percent(look.probability), listed(sizes)])
+    return rows
 
 
 def _drive(proposal: Proposal) -> str:
