@@ -249,7 +249,7 @@ def _columns_text(table: Table) -> list[str]:
             for reading in example.readings
         )
         lines.append(f"  line {example.line}: {' | '.join(example.cells)[:80]}  ->  {readings}")
-    for g in table.groups:
+    for g, label in table.labelled_groups:
         read = count(g.n_points, "reading")
         if g.time_us is not None:
             read = f"{count(g.n_points, 'sample')} of the {g.observable.title}"
@@ -258,7 +258,8 @@ def _columns_text(table: Table) -> list[str]:
         at_rest = f" from {g.drive.idle_v:.4g} V" if g.drive.idle_v else ""
         phase = f" at {g.drive.phase_deg:g} degrees" if g.drive.phase_deg else ""
         lasts = f" for {g.drive.cycles:g} periods" if g.drive.cycles < math.inf else ""
-        lines.append(f"  group {g.id}: {drive}{bias}{at_rest}{phase}{lasts}, {read}, {g.file}")
+        named = f" ({label!r})" if label else ""
+        lines.append(f"  group {g.id}{named}: {drive}{bias}{at_rest}{phase}{lasts}, {read}, {g.file}")
     return lines
 
 
@@ -324,8 +325,15 @@ def _table_result(table: Table) -> dict[str, Any]:
         "not_yet": [{"heading": heading, "column": column} for heading, column in table.not_yet],
         "left_out": [{"line": line, "text": text} for line, text in table.left_out],
         "groups": [
-            {"id": g.id, "waveform": g.waveform, "file": g.file, "n_points": g.n_points, "drive": g.drive.file}
-            for g in table.groups
+            {
+                "id": g.id,
+                "label": label,
+                "waveform": g.waveform,
+                "file": g.file,
+                "n_points": g.n_points,
+                "drive": g.drive.file,
+            }
+            for g, label in table.labelled_groups
         ],
     }
 

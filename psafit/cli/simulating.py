@@ -403,7 +403,7 @@ def completed(
     from psafit.experiment import session_name
     from psafit.experiment.text import did_you_mean, listed
     from psafit.observables import OBSERVABLES
-    from psafit.physics import informed, owner
+    from psafit.physics import TERMS, informed, owner
 
     plain, chosen = informed(plan.beliefs, chosen)
     wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, p.prior_median) for p in plain}
@@ -425,6 +425,8 @@ def completed(
         if unknown[0] in {p.name for o in OBSERVABLES for p in o.scatter}:
             here = f"that of these readings has {listed(p.name for p in scatter)}"
             remedy = here if scatter else "it is of the scatter: add --readings FOLDER --seed N"
+        if of := [t for t in (*chosen, *TERMS) if t.id == unknown[0]]:
+            remedy = f"it is a cause: --terms {of[0].id} --set {of[0].strength.name}={asked[unknown[0]]:g}"
         if hasattr(plan.constants, unknown[0]):
             remedy = "it is a constant of the rig: change [constants] in experiment.toml, or give one group its own"
         raise InputError(f"no parameter {unknown[0]}", remedy)

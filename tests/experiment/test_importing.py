@@ -192,6 +192,12 @@ def test_what_is_unclear_is_asked_for(content: Any, said: str, line: int | None,
     assert len(error.remedy) > 5
 
 
+def test_volts_are_not_counted_against_every_heading(tmp_path: Path) -> None:
+    error = refused(tmp_path, HEAD + "1200;40;3\n", replace(SINE, volts="rms"))
+    assert error.what == "--volts rms is given, and column 'Amplitude (Vp)' says zero to peak"
+    assert "--column 'Amplitude (Vp)=amplitude_v:Vrms'" in error.remedy
+
+
 @pytest.mark.parametrize(
     ("content", "options", "rows"),
     [
@@ -316,6 +322,11 @@ def test_an_import_prints_its_labels_and_proposes_what_new_does(
     assert "group 1: sine at -30 degrees for 5 periods, 6 readings" in printed
     assert run(monkeypatch, "new", "begun") == 0
     written, begun = (Path(folder, "experiment.toml").read_text("utf-8") for folder in ("rig", "begun"))
+    assert run(monkeypatch, "import", "a.csv", *given[:-1], "parted", "--column", "Day 1=group") == 0
+    labels = [label for label, _ in LABELLED]
+    for number, label in enumerate(dict.fromkeys(labels), 1):
+        assert f"  group {number} ({label!r}): sine at -30 degrees" in (printed := printed + capsys.readouterr().out)
+        assert f"[[group]] # {label}\nid = {number}\n" in Path("parted", "experiment.toml").read_text("utf-8")
     for table in ("rig", "limits"):
         (block,) = (part for part in begun.split("\n\n") if f"# [{table}]\n" in part)
         assert f"\n\n{block}\n\n" in written

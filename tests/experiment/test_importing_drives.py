@@ -209,6 +209,21 @@ def test_a_recording_that_is_none_is_refused(text: str, said: dict[str, Any], me
     assert message in str(caught.value)
 
 
+def test_one_period_in_psafits_own_form_is_the_drive(tmp_path: Path) -> None:
+    table = read(tmp_path, "Phase, Level\n0,0\n0.25,0.5\n1,0\n", start_us=None).drive.table
+    assert table is not None and not table.recorded
+    assert (table.at.tolist(), table.value.tolist()) == ([0.0, 0.25, 1.0], [0.0, 0.5, 0.0])
+    for text, said, message in (
+        ("phase;level\n0;0\n0,25;0,5\n1;0\n", {}, "separate the cells by commas, decimals by points: phase,level"),
+        ("phase,level\n0,0\n0.25,x\n1,0\n", {}, "scope.csv:3: level 'x' is not a number"),
+        ("phase,level\n0,0\n1,0\n", {"period_us": 1000.0}, "leave it out: the file holds one period"),
+        ("phase,level\n0,0\n1,0\n", {"start_us": 1.0}, "--start is of traces"),
+    ):
+        with pytest.raises(InputError) as caught:
+            read(tmp_path, text, **({"start_us": None} | said))
+        assert message in str(caught.value)
+
+
 def test_the_command_writes_the_drive_and_check_reads_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

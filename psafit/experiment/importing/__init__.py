@@ -19,7 +19,7 @@ import numpy as np
 
 from psafit.drives import NAMES, TABLE, Drive
 from psafit.errors import Faults, InputError
-from psafit.experiment.drive_table import RECORDED
+from psafit.experiment.drive_table import PERIOD, RECORDED, read_drive
 from psafit.experiment.importing.chosen import ERROR_OF, HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
 from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.contradicted import check_above, unread
@@ -42,14 +42,14 @@ from psafit.experiment.importing.matters import above, check_trigger
 from psafit.experiment.importing.numerals import is_number
 from psafit.experiment.importing.order import check_order
 from psafit.experiment.importing.origin import check_origin, unread_origin
-from psafit.experiment.importing.quantities import BLANKS, COLUMNS, QUANTITIES, SEPARATORS, SUFFIXES
+from psafit.experiment.importing.quantities import BLANKS, COLUMNS, QUANTITIES, SEPARATORS, SUFFIXES, VOLTS, words
 from psafit.experiment.importing.recorded import recorded
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
 from psafit.experiment.importing.steps import STEP, with_counts
 from psafit.experiment.importing.traces import from_start, trace_of
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
 from psafit.experiment.records import CONDITION_COLUMNS, Group
-from psafit.experiment.table import CellFault, readings_of
+from psafit.experiment.table import CellFault, headed, readings_of
 from psafit.experiment.text import did_you_mean, listed, shown
 from psafit.experiment.trace_table import TIME
 from psafit.files import read_bytes
@@ -92,11 +92,14 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
         with faults.kept():
             found += _tables(file, options)
     faults.end()
-    driven = _recordings(options.drive_file, options) if options.drive_file else []
+    period = _own_period(options.drive_file) if options.drive_file else None
+    driven = _recordings(options.drive_file, options) if options.drive_file and not period else []
     sheets = {(grid.file, grid.sheet) for grid, *_ in driven}
     found = [tries for tries in found if (tries[0][0].file, tries[0][0].sheet) not in sheets] or found
     _check_mappings([*(one for tries in found for one in tries), *((grid, head) for grid, head, _ in driven)], options)
     kept: tuple[Drive, Drive, Table] | None = None
+    if period:
+        options = replace(options, drive=period)
     if driven:
         reads = [(grid, partial(_drive, grid, head, chosen, options, examples)) for grid, head, chosen in driven]
         kept = _readable(reads, itemgetter(0))
@@ -112,7 +115,7 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
             ]
             tables.append(_readable(understood, _content))
     faults.end()
-    _check_used(tables, options, counts=any(grid.counts is not None for grid, *_ in driven))
+    _check_used(tables, options, [grid for grid, *_ in driven])
     return _driven(tables, *kept) if kept else tables
 
 
@@ -130,8 +133,22 @@ def _driven(tables: Sequence[Table], kept: Drive, whole: Drive, recording: Table
     return done
 
 
-def _check_used(tables: Sequence[Table], options: Options, *, counts: bool) -> None:
-    """What is given for conditions and traces is used by some table; `counts` is whether the drive uses a step.
+def _own_period(file: Path) -> Drive | None:
+    """The drive of a file in psafit's own form of one period; None where it has another form."""
+    try:
+        line, header, _ = headed(file, Options.most_bytes, "")
+    except InputError:
+        return None
+    if words(" ".join(header)) != " ".join(PERIOD):
+        return None
+    if tuple(map(str.lower, header)) != PERIOD:
+        remedy = f"separate the cells by commas, decimals by points: {','.join(PERIOD)}"
+        raise InputError("one period is read in psafit's own form alone", remedy, file=file, line=line)
+    return Drive(TABLE, table=read_drive(file), file="drive.csv")
+
+
+def _check_used(tables: Sequence[Table], options: Options, driven: Sequence[Grid]) -> None:
+    """What is given for conditions and traces is used by some table, or by the recording in a file of its own.
 
     Raises
     ------
@@ -153,13 +170,21 @@ def _check_used(tables: Sequence[Table], options: Options, *, counts: bool) -> N
             faults.add(InputError(what, remedy, file=file, line=line))
     given = {"--start": options.start_us is not None, "--from-rest": options.from_rest, "--every": options.every != 1}
     groups = [group for table in tables for group in table.groups]
+    counts = any(grid.counts is not None for grid in driven)
     if options.step_us and not (counts or any(STEP in c.headings for table in tables for c in table.columns)):
         faults.add(InputError("--step is of samples without times, and no table has such", "leave it out"))
     if options.drive and not any(group.drive.table for group in groups):
         faults.add(InputError("--drive is given, and no table has it", f"say --waveform {TABLE}, or leave it out"))
-    if options.period_us is not None and not options.drive:
-        faults.add(InputError("--period is of a recorded drive, and there is none", "give it with --drive FILE"))
-    if not options.drive and not any(group.time_us is not None for group in groups):
+    if options.period_us is not None and not driven:
+        remedy = "leave it out: the file holds one period" if options.drive else "give it with --drive FILE"
+        faults.add(InputError("--period is of a recorded drive, and there is none", remedy))
+    counted = [(c.volts, c.headings[0]) for t in tables for c in t.columns if c.column == "amplitude_v" and c.volts]
+    if options.volts and counted and options.volts not in dict(counted):
+        volts, heading = counted[0]
+        what = f"--volts {options.volts} is given, and column {shown(heading)} says {VOLTS[volts]}"
+        said = option(heading, "amplitude_v", f"V{SUFFIXES[options.volts]}")
+        faults.add(InputError(what, f"leave out --volts, or say {said}", file=tables[0].file))
+    if not driven and not any(group.time_us is not None for group in groups):
         for name in (name for name, is_given in given.items() if is_given):
             faults.add(InputError(f"{name} is of traces, and no table is one", "leave it out"))
     faults.end()
@@ -345,13 +370,12 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     lines = {line: (line, text, remedy) for line, text, remedy in unread(grid, head, chosen, shape)}
     lines |= {line: (line, text, remedy) for line, text, remedy in table.above}
     table = replace(table, above=tuple(lines[line] for line in sorted(lines)))
-    groups = (
-        [trace_of(k, trace) for k, trace in enumerate(sampled.traces, first_id)]
-        if sampled
-        else [_group(k, part) for k, part in enumerate(groups_of(read).values(), first_id)]
-    )
-    before = sampled.before if sampled else ()
-    return replace(_with_rows(table, grid, rows, chosen, found, before, examples), groups=tuple(groups))
+    table = _with_rows(table, grid, rows, chosen, found, sampled.before if sampled else (), examples)
+    if sampled:
+        return replace(table, groups=tuple(trace_of(k, trace) for k, trace in enumerate(sampled.traces, first_id)))
+    parts = groups_of(read)
+    groups = (_group(k, part) for k, part in enumerate(parts.values(), first_id))
+    return replace(table, groups=tuple(groups), labels=tuple(label for _, label in parts))
 
 
 def _drive(grid: Grid, head: Head, chosen: Chosen, options: Options, examples: int) -> tuple[Drive, Drive, Table]:

@@ -211,6 +211,8 @@ class Table:
         Rows that hold no reading: line and text.
     groups : tuple of Group
         What was read; `file` names the table that is to be written.
+    labels : tuple of str
+        What a column says of each group; empty where none does.
     recording : Table or None
         The file of the drive, which has no groups, with the first table that has it.
     """
@@ -231,12 +233,18 @@ class Table:
     above: tuple[tuple[int, str, str], ...]
     left_out: tuple[tuple[int, str], ...]
     groups: tuple[Group, ...] = field(repr=False)
+    labels: tuple[str, ...] = ()
     recording: Table | None = None
 
     @property
     def place(self) -> str:
         """File, and sheet where there is one."""
         return f"{self.file.name}, sheet {self.sheet}" if self.sheet else self.file.name
+
+    @property
+    def labelled_groups(self) -> list[tuple[Group, str]]:
+        """Each group with its label."""
+        return list(zip(self.groups, self.labels or [""] * len(self.groups), strict=True))
 
 
 __all__ = ["GROUPS", "IGNORED", "Example", "Mapping", "Options", "Table", "Understood"]
