@@ -25,6 +25,8 @@ $(foreach name,python exp group out terms seed run jobs args limit designs cases
 
 # Threads of the linear algebra library only wait for each other on our small matrices.
 export OPENBLAS_NUM_THREADS ?= 1
+# Each of our processes would compile all of psafit anew: a second, of tests some hundred times.
+unexport PYTHONDONTWRITEBYTECODE
 
 SHELL       := /bin/bash
 MAKEFLAGS   += --no-print-directory

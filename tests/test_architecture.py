@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -72,11 +73,11 @@ def imports_of(path: Path, root: Path = ROOT) -> Iterator[Import]:
     parts = path.relative_to(root).with_suffix("").parts
     package = parts[:-1]
     module = ".".join(package if parts[-1] == "__init__" else parts)
+    file = path.relative_to(root)
     for node in ast.walk(ast.parse(path.read_text("utf-8"), path)):
-        place = f"{path.relative_to(root)}:{getattr(node, 'lineno', 0)}"
         if isinstance(node, ast.Import):
             for alias in node.names:
-                yield Import(module, alias.name, place)
+                yield Import(module, alias.name, f"{file}:{node.lineno}")
         elif isinstance(node, ast.ImportFrom):
             base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
             origin = ".".join(filter(None, (base, node.module)))
@@ -84,16 +85,26 @@ def imports_of(path: Path, root: Path = ROOT) -> Iterator[Import]:
                 # `from psafit import validate` imports a module; `from psafit import __version__` a value.
                 below = f"{origin}.{alias.name}"
                 known = origin != "psafit" or alias.name in LEVEL
-                yield Import(module, below if origin == "psafit" and known else origin, place)
+                target = below if origin == "psafit" and known else origin
+                yield Import(module, target, f"{file}:{node.lineno}")
 
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
-IMPORTS = [found for path in MODULES for found in imports_of(path)]
-INTERNAL = [i for i in IMPORTS if i.target.split(".")[0] == "psafit"]
-EXTERNAL = [i for i in IMPORTS if i.target.split(".")[0] not in {"psafit", *sys.stdlib_module_names}]
-
-
 LINES = {path: path.read_text("utf-8") for path in MODULES}
+
+
+@cache
+def imports() -> list[Import]:
+    """Those of the whole package: read when a test asks for them, not by every process that collects tests."""
+    return [found for path in MODULES for found in imports_of(path)]
+
+
+def internal() -> list[Import]:
+    return [i for i in imports() if i.target.split(".")[0] == "psafit"]
+
+
+def external() -> list[Import]:
+    return [i for i in imports() if i.target.split(".")[0] not in {"psafit", *sys.stdlib_module_names}]
 
 
 def holds_numbers(value: ast.expr) -> bool:
@@ -207,7 +218,7 @@ def test_imports_are_found(tmp_path: Path) -> None:
     ]
     assert {i.module for i in found} == {"psafit.physics.gap"}
     assert found[-1].place == "psafit/physics/gap.py:6"
-    assert len(INTERNAL) > 10
+    assert len(internal()) > 10
 
 
 def test_every_module_has_a_floor() -> None:
@@ -217,19 +228,19 @@ def test_every_module_has_a_floor() -> None:
 
 def test_imports_go_only_downward() -> None:
     # But for the front door, which opens on the top floor when it is asked to.
-    inside = [i for i in INTERNAL if i.module != "psafit"]
+    inside = [i for i in internal() if i.module != "psafit"]
     upward = [i for i in inside if LEVEL.get(i.to_part, 0) > LEVEL.get(i.from_part, 0)]
     assert not upward, listed(upward)
 
 
 def test_only_the_report_draws() -> None:
-    drawn = [i for i in EXTERNAL if i.target.split(".")[0] in DRAWS and i.from_part != "report"]
+    drawn = [i for i in external() if i.target.split(".")[0] in DRAWS and i.from_part != "report"]
     assert not drawn, listed(drawn)
 
 
 def test_only_the_command_line_talks() -> None:
     allowed = LEVEL["report"]
-    spoken = [i for i in EXTERNAL if i.target.split(".")[0] in TALKS and LEVEL[i.from_part] < allowed]
+    spoken = [i for i in external() if i.target.split(".")[0] in TALKS and LEVEL[i.from_part] < allowed]
     assert not spoken, listed(spoken)
 
 
@@ -238,13 +249,13 @@ def test_the_reference_shares_no_code_with_the_fast_path() -> None:
     references = {"psafit.simulate.reference", "psafit.simulate.literal", "psafit.simulate.literal_scheme"}
     shared = [
         i
-        for i in INTERNAL
+        for i in internal()
         if i.module in references
         and i.to_part == "simulate"
         and i.target not in references | {"psafit.simulate.design"}  # the conditions, which are no computation
     ]
     fast = {"batch", "closed_form", "collocation", "drive", "flight", "stepper"}
-    shared += [i for i in INTERNAL if i.module.split(".")[-1] in fast and i.target in references]
+    shared += [i for i in internal() if i.module.split(".")[-1] in fast and i.target in references]
     assert not shared, listed(shared)
 
 
@@ -252,7 +263,7 @@ def test_every_library_is_declared() -> None:
     """What psafit imports stands in pyproject.toml, not merely in the environment by way of another library."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     declared = {re.split(r"[<>=!~ \[;]", d, maxsplit=1)[0].lower() for d in project["dependencies"]}
-    names = [(i, i.target.split(".")[0].lower().replace("_", "-")) for i in EXTERNAL]
+    names = [(i, i.target.split(".")[0].lower().replace("_", "-")) for i in external()]
     extras = str(project["optional-dependencies"])
     missing = [
         i for i, name in names if COMES_WITH.get(name, name) not in declared and OPTIONAL.get(name, "?") not in extras
