@@ -147,25 +147,32 @@ endef
 # --- the environment -------------------------------------------------------------------------------------------------
 # A stamp is written last, so an interrupted set-up leaves none; it holds the folder's path, so a moved or copied
 # folder (whose scripts and links still point to the old place) is set up again.
-ifneq ($(shell cat $(STAMP)-run 2>/dev/null),$(CURDIR))
-.PHONY: $(STAMP)-run
+ifneq ($(shell cat $(STAMP)-base 2>/dev/null),$(CURDIR))
+.PHONY: $(STAMP)-base
 endif
 
-$(STAMP)-run: requirements.lock pyproject.toml
+$(STAMP)-base: requirements.lock pyproject.toml
 	@rm -f $(STAMP)-*
 	@$(make_venv)
 	@echo 'Installing what psafit runs on into $(VENV): one to six minutes, by the network, once; 650 MB of disk'
 	@$(INSTALL) requirements.lock
 	@$(COMPILE)
 	@$(PIP) install --no-deps -e .
-	@echo 'Compiling the simulator: half a minute to a minute, once'
-	@$(BIN)/python -m psafit.simulate
 	@printf '%s' "$$PWD" > $@
 
-$(STAMP)-dev: requirements-dev.lock $(STAMP)-run
+$(STAMP)-run: $(STAMP)-base
+	@echo 'Compiling the simulator: half a minute to a minute, once'
+	@$(BIN)/python -m psafit.simulate
+	@touch $@
+
+$(STAMP)-tools: requirements-dev.lock $(STAMP)-base
 	@echo 'Installing what the tests need into $(VENV): half a minute to three, once; 300 MB of disk'
 	@$(INSTALL) requirements-dev.lock
 	@$(COMPILE)
+	@touch $@
+
+# Compiled while tools are fetched, where make runs both at once.
+$(STAMP)-dev: $(STAMP)-run $(STAMP)-tools
 	@touch $@
 
 $(STAMP)-bench: requirements-bench.lock $(STAMP)-run
