@@ -205,6 +205,8 @@ def section(e: CauseEntry) -> Iterator[str]:
         f"*Symptom:* {cell(s.text)}. On {on}, a larger value {sign}; its relative effect with"
         f" frequency: {s.frequency}; with voltage: {s.amplitude}.{acts}"
     )
+    if e.reads:
+        yield f"*Changes the readings of:* {', '.join(f'`{name}`' for name in e.reads)}."
     yield f"![Effect of {e.id} on the six groups](figures/causes/{e.id}.png)"
     yield f"*Reference:* {cell(e.reference)}."
     yield "*Checked by hand:*\n\n" + "\n".join(f"- {cell(check)}" for check in e.checks)

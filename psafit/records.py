@@ -116,6 +116,8 @@ class CauseEntry:
         What to look at on the rig to see it without launches.
     drives : str
         On which drives it has a meaning: "every", "stated" or "shifting"; see `psafit.physics.term.DRIVES`.
+    reads : list of str
+        Observables whose readings it changes, of a cause in the slot of the reading.
     plugin : str
         Leading digits of the SHA-256 of its file, where that is no part of psafit.
     """
@@ -135,6 +137,7 @@ class CauseEntry:
     because: str = ""
     look: str = ""
     drives: str = "every"
+    reads: list[str] = field(default_factory=list)
     plugin: str = ""
 
 

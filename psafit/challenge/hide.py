@@ -517,14 +517,24 @@ class _Rigs:
         found = np.empty((len(points), 4))
         for k, i in enumerate(points):
             rig, point = self.at(int(i))
-            seen = launch_in(rig, point, group=int(self.design.group[i]), rtol=self.rtol, forces=forces)
-            found[k] = seen.launch_range, seen.separation_time, seen.velocity, seen.peak_force
+            group = int(self.design.group[i])
+            seen = launch_in(rig, point, group=group, rtol=self.rtol, forces=forces)
+            others = (
+                ("contact_time", seen.separation_time),
+                ("launch_speed", seen.velocity),
+                ("peak_force", seen.peak_force),
+            )
+            found[k] = seen.launch_range, *(rig.read(name, x, group) for name, x in others)
         return found
 
     def followed(self, i: int, times: FloatArray) -> FloatArray:
         """Ball, its speed and the tip at some times of a launch, (n_times, 3)."""
         rig, point = self.at(int(i))
-        return motion_in(rig, point, times.tolist(), rtol=self.rtol)
+        seen, group = motion_in(rig, point, times.tolist(), rtol=self.rtol), int(self.design.group[i])
+        names = ("displacement", "velocity", "tip_displacement")
+        return np.array(
+            [[rig.read(name, x, group) for name, x in zip(names, row, strict=True)] for row in seen.tolist()]
+        )
 
 
 def _outside(

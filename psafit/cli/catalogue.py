@@ -95,6 +95,7 @@ def _declaration(entry: CauseEntry) -> str:
     trends = f"effect with frequency: {s.frequency}, with amplitude: {s.amplitude}"
     lines.append(_wrapped("", f"on {on}: {sign}; {trends}"))
     lines.append(_wrapped("drives", DRIVES[entry.drives]))
+    lines += [_wrapped("reads", ", ".join(entry.reads))] if entry.reads else []
     lines.append(
         _wrapped("at work", f"probability {entry.probability:g} before any reading; {entry.because or 'a surprise'}")
     )

@@ -1,13 +1,14 @@
 r"""From a discrepancy without a name to a draft of a cause.
 
-Where no cause explains the readings, what is left is described as a factor on the range that departs from one about a
-place on one axis: the drive frequency, the amplitude, or the predicted range,
+Where no cause explains the readings, what is left is described as a factor on one observable that departs from one
+about a place on one axis: the drive frequency, the amplitude, or what is predicted of that observable,
 
 .. math:: L_\mathrm{read} = L\, e^{s\,h}, \qquad h = e^{-\ln^2(x/x_0)/2w^2}.
 
-It is smooth, and one where the axis tends to zero or infinity. The axis is that on which such a factor takes up most of
-the discrepancy. All else in the file comes from the conditions: priors span what was measured, and know nothing of the
-fit. So a diagnosis with ``--plugin draft_cause.py`` scores it on held-out groups like any cause.
+It is smooth, and one where the axis tends to zero or infinity. Observable and axis are those where such a factor takes
+up most of the discrepancy; traces, which are read over time, are none. All else in the file comes from the conditions:
+priors span what was measured, and know nothing of the fit. So a diagnosis with ``--plugin draft_cause.py`` scores it on
+held-out groups like any cause.
 """
 
 from __future__ import annotations
@@ -27,15 +28,15 @@ from psafit.diagnose.judging import Judgement
 from psafit.diagnose.record.misfit import Axis, Draft
 from psafit.files import write_atomically
 from psafit.inference.candidate import Candidate
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+from psafit.observables import OBSERVABLES, Observable, named, recorded_name
 from psafit.physics import plugin
-from psafit.simulate import MICRO
-from psafit.simulate.contract import STUDY
+from psafit.simulate.contract import STUDY, of_ranges
 from psafit.simulate.sensitivity import observe
 from psafit.workers import scratch
 
 FILE = "draft_cause.py"
 TEMPLATE = Path(__file__).parent / "draft_cause.txt"
+_SI = {"um": "m", "mm/s": "m/s", "us": "s", "N": "N"}
 
 
 @dataclass(frozen=True)
@@ -88,23 +89,22 @@ def draft(candidate: Candidate, left: Discrepancy, folder: Path, settings: Draft
     whole = _squares(left, design.measured)
     if left.log_bayes <= 0 or whole == 0:
         return None
-    usable = (design.measured == OBSERVABLES.index(LAUNCH_RANGE)) & np.isfinite(left.sd)
     axes: dict[Axis, FloatArray] = {
         "frequency": design.frequency, "amplitude": design.amplitude, "range": candidate.predicted,
     }  # fmt: skip
-    best: Draft | None = None
-    for axis, values in axes.items():
-        rows = usable & (values > 0)
-        if rows.sum() > 3 and np.ptp(x := np.log(values[rows])) > 0:
-            found = _described(axis, x, left.mean[rows], whole, settings)
-            best = found if best is None or found.share > best.share else best
-    if best is None or best.share < settings.share:
+    best: tuple[Draft, FloatArray] | None = None
+    for k, (axis, values) in itertools.product(np.unique(design.measured), axes.items()):
+        rows = (design.measured == k) & np.isfinite(left.sd) & (values > 0)
+        if not OBSERVABLES[k].traced and rows.sum() > 3 and np.ptp(x := np.log(values[rows])) > 0:
+            found = _described(OBSERVABLES[k], axis, x, left.mean[rows], whole, settings)
+            best = (found, x) if best is None or found.share > best[0].share else best
+    if best is None or best[0].share < settings.share:
         return None
-    spread = np.log(axes[best.axis][usable & (axes[best.axis] > 0)])
-    text = _text(best, float(spread.min()), float(spread.max())).encode()
+    chosen, spread = best
+    text = _text(chosen, float(spread.min()), float(spread.max())).encode()
     path = next(p for p in _names(folder) if not p.exists() or p.read_bytes() == text)
     write_atomically(path, text)
-    return replace(best, file=path.name)
+    return replace(chosen, file=path.name)
 
 
 def _names(folder: Path) -> Iterator[Path]:
@@ -122,14 +122,17 @@ def _squares(left: Discrepancy, measured: NDArray[np.signedinteger]) -> float:
     return float(sum(np.sum((y - y.mean()) ** 2) for y in each))
 
 
-def _described(axis: Axis, x: FloatArray, y: FloatArray, whole: float, settings: DraftSettings) -> Draft:
+def _described(
+    observable: Observable, axis: Axis, x: FloatArray, y: FloatArray, whole: float, settings: DraftSettings
+) -> Draft:
     """The factor on one axis that takes up most of a discrepancy, apart from one common to all; `x` is a logarithm.
 
     How large it is: by what readings differ that it changes most and least. Between readings it may be anything. Its
     share is of the `whole` squares.
     """
     y = y - y.mean()
-    best = Draft(FILE, axis, math.exp(float(x[0])), 1.0, settings.widths[0], 0.0)
+    read = recorded_name(observable)
+    best = Draft(FILE, axis, math.exp(float(x[0])), 1.0, settings.widths[0], 0.0, observable=read)
     for place in np.linspace(x.min(), x.max(), settings.places):
         for width in settings.widths:
             bump = np.exp(-0.5 * ((x - place) / width) ** 2)
@@ -141,24 +144,26 @@ def _described(axis: Axis, x: FloatArray, y: FloatArray, whole: float, settings:
             share = strength * float(own @ y) / whole
             if share > best.share:
                 factor = math.exp(strength * float(np.ptp(bump)))
-                best = Draft(FILE, axis, math.exp(float(place)), factor, width, share)
+                best = replace(best, place=math.exp(float(place)), factor=factor, width=width, share=share)
     return best
 
 
 def _text(found: Draft, low: float, high: float) -> str:
     """The file's text; its symptom is worked out as `psafit check-cause` does."""
-    unit, scale = {"frequency": ("Hz", 1.0), "amplitude": ("V", 1.0), "range": ("m", 1.0 / MICRO)}[found.axis]
+    o = named(found.observable)
+    unit, scale = {"frequency": ("Hz", 1.0), "amplitude": ("V", 1.0), "range": (_SI[o.unit], 1.0 / o.scale)}[found.axis]
     middle, half = math.exp(0.5 * (low + high)) * scale, max(0.5 * (high - low), math.log(2.0))
     place, reach = f"{float(f'{found.place * scale:.3g}'):g} {unit}", f"{math.exp(found.width):.3g}"
     text = _filled(
-        TEMPLATE.read_text("utf-8"), axis=found.axis, unit=unit, middle=f"{middle:.3g}", factor=f"{math.exp(half):.3g}",
+        TEMPLATE.read_text("utf-8"), axis=o.title if found.axis == "range" else found.axis, kind=found.axis, unit=unit,
+        observable=o.name, title=o.title, titles=o.titles, middle=f"{middle:.3g}", factor=f"{math.exp(half):.3g}",
         least=f"{middle * math.exp(-2 * half):.3g}", most=f"{middle * math.exp(2 * half):.3g}",
         found=f"a factor of {found.factor:.3g} at {place}, within a factor of {reach} to either side",
     )  # fmt: skip
     with scratch() as folder:
         first = folder / FILE
         first.write_text(_filled(text, sign="0", over_frequency="mixed", over_amplitude="mixed"), "utf-8")
-        shown = observe(plugin.read(first), STUDY)
+        shown = observe(of_ranges(plugin.read(first)), STUDY)
     return _filled(text, sign=str(shown.sign), over_frequency=shown.frequency, over_amplitude=shown.amplitude)
 
 

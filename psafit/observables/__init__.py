@@ -19,6 +19,11 @@ OF_LAUNCHES = tuple(o for o in OBSERVABLES if not o.traced)
 """Observables that are read of a launch as a whole."""
 
 
+def named(name: str | None) -> Observable:
+    """The observable of a record's name: see `recorded_name`."""
+    return next((o for o in OBSERVABLES if o.name == name), LAUNCH_RANGE)
+
+
 def recorded_name(observable: Observable) -> str | None:
     """What records call it: its name, and nothing for the launch range."""
     return None if observable is LAUNCH_RANGE else observable.name
@@ -26,5 +31,5 @@ def recorded_name(observable: Observable) -> str | None:
 
 __all__ = [
     "CONTACT_TIME", "DISPLACEMENT", "LAUNCH_RANGE", "LAUNCH_SPEED", "OBSERVABLES", "OF_LAUNCHES", "PEAK_FORCE",
-    "TIP_DISPLACEMENT", "VELOCITY", "Launches", "Motion", "Observable", "in_another_unit", "recorded_name",
+    "TIP_DISPLACEMENT", "VELOCITY", "Launches", "Motion", "Observable", "in_another_unit", "named", "recorded_name",
 ]  # fmt: skip

@@ -18,6 +18,7 @@ CONTACT_TIME = Observable(
     name="contact_time",
     column="contact_time_us",
     unit="us",
+    scale=1e6,
     title="contact time",
     of=_of,
     scatter=scatter(

@@ -15,6 +15,7 @@ DISPLACEMENT = Observable(
     name="displacement",
     column="displacement_um",
     unit="um",
+    scale=1e6,
     title="displacement",
     of=_of,
     scatter=along(

@@ -18,6 +18,7 @@ LAUNCH_RANGE = Observable(
     name="launch_range",
     column="launch_range_um",
     unit="um",
+    scale=1e6,
     title="launch range",
     of=_of,
     scatter=scatter(

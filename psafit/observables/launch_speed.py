@@ -22,6 +22,7 @@ LAUNCH_SPEED = Observable(
     name="launch_speed",
     column="launch_speed_mm_s",
     unit="mm/s",
+    scale=1e3,
     title="launch speed",
     of=_of,
     scatter=scatter(

@@ -58,6 +58,8 @@ class Observable:
         Of a group's CSV file: the name and the unit.
     unit : str
         Unit of the column, for people.
+    scale : float
+        Number of that unit in one of the SI.
     title : str
         What it is called in sentences and figures.
     of : callable
@@ -94,6 +96,7 @@ class Observable:
     name: str
     column: str
     unit: str
+    scale: float
     title: str
     of: Callable[[Any], FloatArray]
     scatter: tuple[Parameter, ...]

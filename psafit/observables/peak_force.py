@@ -23,6 +23,7 @@ PEAK_FORCE = Observable(
     name="peak_force",
     column="peak_force_n",
     unit="N",
+    scale=1.0,
     title="peak force",
     of=_of,
     scatter=scatter(

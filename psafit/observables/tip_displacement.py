@@ -15,6 +15,7 @@ TIP_DISPLACEMENT = Observable(
     name="tip_displacement",
     column="tip_displacement_um",
     unit="um",
+    scale=1e6,
     title="tip displacement",
     of=_of,
     scatter=along(

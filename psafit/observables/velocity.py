@@ -15,6 +15,7 @@ VELOCITY = Observable(
     name="velocity",
     column="velocity_mm_s",
     unit="mm/s",
+    scale=1e3,
     title="velocity",
     of=_of,
     scatter=along(

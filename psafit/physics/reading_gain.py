@@ -5,7 +5,8 @@ r"""Sessions that read with different gains.
 Each session hangs the ball and aims the laser anew: an angle :math:`\theta` between beam and motion reads
 :math:`\cos\theta`, an impact off the ball's centre sends part of it sideways, a decoder has a calibration. Assumed:
 one gain `g` for a whole session (a group of the experiment), whose spread `s` is to be found; a gain common to all is
-not this cause.
+not this cause. One instrument reads the ball's motion in a session: ranges, speeds and traces of the ball have the same
+gain; contact times and forces have none.
 """
 
 from __future__ import annotations
@@ -81,6 +82,7 @@ TERM = Term(
     look="what the instrument reads of a known distance, in each session",
     literal=literal,
     reading=reading,
+    reads=("launch_range", "launch_speed", "displacement", "velocity"),
     latent=Parameter(
         name="reading_gain_z",
         symbol="z",

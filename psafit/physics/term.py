@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 from psafit.arrays import FloatArray
 from psafit.drives import WAVEFORMS, Drive
 from psafit.experiment import Conditions, Constants
-from psafit.observables import LAUNCH_RANGE
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.parameters import Parameter
 
 Memory = Callable[[float, float, float], float]
+Reading = Callable[[float, int], float]
 Slot = Literal["drive", "stack", "contact", "flight", "reading"]
 Trend = Literal["grows", "falls", "flat", "mixed"]
 Drives = Literal["every", "stated", "shifting"]
@@ -159,6 +160,8 @@ class ReferenceRig:
         Weight of the ball's place at separation in the swing's energy.
     reading : callable
         ``reading(L, group)``: what is read, m, of a launch range `L` (m) in session number `group`.
+    readings : dict of str to callable
+        The same of other observables, by name, in SI units; what is not there is read as it is.
     frequency, amplitude : float, Hz, V
         Of the drive of this launch, once it begins; a reading may depend on them.
     """
@@ -192,7 +195,8 @@ class ReferenceRig:
     elastic: Callable[[float, float], float] = field(init=False)
     damping: Callable[[float, float], float] = field(init=False)
     deceleration: Callable[[float, float], float] = field(init=False)
-    reading: Callable[[float, int], float] = field(init=False)
+    reading: Reading = field(init=False)
+    readings: dict[str, Reading] = field(default_factory=dict)
     offset_weight: float = 0.0
     frequency: float = math.nan
     amplitude: float = math.nan
@@ -203,6 +207,11 @@ class ReferenceRig:
         self.damping = lambda d, rate: self.c_c * rate
         self.deceleration = lambda x, v: 0.0
         self.reading = lambda L, group: L
+
+    def read(self, observable: str, value: float, group: int) -> float:
+        """What is read of the value of an observable, SI units, in a session."""
+        reading = self.reading if observable == LAUNCH_RANGE.name else self.readings.get(observable)
+        return float(reading(value, group)) if reading else value
 
 
 @dataclass(frozen=True)
@@ -300,6 +309,9 @@ class Term:
         ``condition(frequency, amplitude, p)``: (n_sets, n_points) factors on the ranges as read, at each reading's
         drive frequency, Hz, and amplitude, V, (n_points,). It describes what depends on the condition and names no
         mechanism.
+    reads : tuple of str
+        Observables whose readings `reading` and `condition` change, each in its SI unit; `literal` then edits
+        `ReferenceRig.reading` for one after the other. What reads others than launch ranges does nothing else.
     latent : Parameter, optional
         One more parameter for every session, appended to `p` in the order of the sessions; to that of `setup`, the one
         of the session in question.
@@ -333,6 +345,7 @@ class Term:
     swing_offset: Callable[[FloatArray], FloatArray] | None = None
     reading: Callable[[FloatArray, FloatArray, NDArray[np.int64]], FloatArray] | None = None
     condition: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None
+    reads: tuple[str, ...] = (LAUNCH_RANGE.name,)
     latent: Parameter | None = None
     limit: tuple[str, tuple[float, ...]] | None = None
     drives: Drives = "every"
@@ -354,6 +367,11 @@ class Term:
             raise ValueError(f"{self.id}: no check by hand")
         if self.drives not in DRIVES:
             raise ValueError(f"{self.id}: no drives {self.drives!r}; there are {', '.join(DRIVES)}")
+        if unknown := [name for name in self.reads if name not in {o.name for o in OBSERVABLES}]:
+            known = ", ".join(o.name for o in OBSERVABLES)
+            raise ValueError(f"{self.id}: there is no observable {unknown[0]!r} to read; there are {known}")
+        if self.reads != (LAUNCH_RANGE.name,) and {*self.hooks} - {self.reading, self.condition}:
+            raise ValueError(f"{self.id}: what changes readings of {', '.join(self.reads)} can do nothing else")
         if not self.hooks:
             raise ValueError(f"{self.id}: neither sets a number of the rig nor fills a slot")
 
@@ -390,7 +408,7 @@ class Term:
 
     @property
     def after_launch(self) -> bool:
-        """Whether it acts on the flight and on the reading alone, so that nothing but launch ranges can show it."""
+        """Whether it acts on the flight and on the reading alone, so that nothing but what it `reads` can show it."""
         return self.setup is None and not self.stepped
 
     @property
@@ -410,7 +428,10 @@ def signature(id: str, plugin: str) -> str:
 
 
 def idle(causes: Iterable[Term], groups: Sequence[Conditions]) -> list[str]:
-    """Causes that act on none of some groups' drives, or on launch ranges alone where none is read."""
-    ranged = [g.drive for g in groups if LAUNCH_RANGE in g.observables]
-    drives = [g.drive for g in groups]
-    return [t.id for t in causes if not any(map(t.acts_on, ranged if t.after_launch else drives))]
+    """Causes that act on none of some groups' drives, or on readings alone that none of them has."""
+
+    def acts(term: Term, group: Conditions) -> bool:
+        read = {o.name for o in group.observables}
+        return term.acts_on(group.drive) and not (term.after_launch and read.isdisjoint(term.reads))
+
+    return [t.id for t in causes if not any(acts(t, g) for g in groups)]

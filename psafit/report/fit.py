@@ -16,7 +16,7 @@ from psafit.inference.identify import one_sided
 from psafit.inference.run_folder import Run
 from psafit.inference.samplers import sampler
 from psafit.inference.summary import overdamped
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+from psafit.observables import LAUNCH_RANGE, named
 from psafit.records import GroupScore, Numerics, ParameterSummary, Validation
 from psafit.report import figures, fit_pictures
 from psafit.report.fit_pictures import Shown
@@ -420,7 +420,7 @@ def _role_cell(s: GroupScore) -> dict[str, str]:
 
 def _crps(s: GroupScore) -> str:
     """CRPS of a group with its unit, to a hundredth or so of the error metric's offset."""
-    o = next((o for o in OBSERVABLES if o.name == s.observable), LAUNCH_RANGE)
+    o = named(s.observable)
     return f"{fixed(s.crps_um, 1 - math.floor(math.log10(o.offset)))} {unit_text(o.unit)}"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from psafit.arrays import FloatArray
 from psafit.experiment import Constants
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Motion
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Motion, Observable
 from psafit.physics import baseline
 from psafit.physics.term import Setup, Term
 from psafit.simulate import closed_form, flight, stepper
@@ -310,7 +310,9 @@ def readings(
         ball, speed, tip = np.moveaxis(motion[:, part.launch, part.moment], 2, 0)
         for k in np.unique(design.measured[part.rows]):
             here = design.measured[part.rows] == k
-            read[:, part.rows[here]] = OBSERVABLES[k].of(Motion(ball[:, here], speed[:, here], tip[:, here]))
+            rows = part.rows[here]
+            seen = OBSERVABLES[k].of(Motion(ball[:, here], speed[:, here], tip[:, here]))
+            read[:, rows] = _as_read(OBSERVABLES[k], seen, design, rows, theta, terms, n_sessions)
     return read
 
 
@@ -328,7 +330,38 @@ def _of_launches(
     for k in kinds:
         here = np.flatnonzero(design.measured == k)
         read[:, here] = OBSERVABLES[k].of(found)[:, back[here]]
+        if OBSERVABLES[k] is not LAUNCH_RANGE:
+            read[:, here] = _as_read(OBSERVABLES[k], read[:, here], design, here, theta, terms, n_sessions)
     return read
+
+
+def _as_read(
+    observable: Observable,
+    values: FloatArray,
+    design: Design,
+    rows: NDArray[np.intp],
+    theta: ArrayLike,
+    terms: Sequence[Term],
+    n_sessions: int | None,
+) -> FloatArray:
+    """What is read of an observable, both in its column's unit, (n_sets, n_rows), at some rows of a design."""
+    reading = [observable.name in t.reads for t in terms]
+    if not any(reading):
+        return values
+    sets = np.atleast_2d(np.asarray(theta, dtype=float))
+    own = _own(terms, n_sessions or int(design.group.max(initial=0)) + 1)
+    chosen = [(t, sets[:, columns_]) for t, columns_, acts in zip(terms, own, reading, strict=True) if acts]
+    return _changed(values / observable.scale, design.points(rows), chosen) * observable.scale
+
+
+def _changed(values: FloatArray, design: Design, reading: Iterable[tuple[Term, FloatArray]]) -> FloatArray:
+    """Values, SI units, as causes that change readings leave them; each with its own columns of the sets."""
+    for term, p in reading:
+        if term.reading:
+            values = term.reading(values, p, design.group)
+        if term.condition:
+            values = values * term.condition(design.frequency, design.amplitude, p)
+    return values
 
 
 def _simulate(
@@ -390,11 +423,8 @@ def _simulate(
             when, speed, place, status, rig.l, rig.g, rig.lean, rig.rub, loss[0], loss[1], np.ascontiguousarray(sets),
             design.moments, steps, motion,
         )  # fmt: skip
-    for k, term in enumerate(terms):
-        if term.reading:
-            swung = term.reading(swung, sets[:, own[k]], design.group)
-        if term.condition:
-            swung = swung * term.condition(design.frequency, design.amplitude, sets[:, own[k]])
+    ranged = [(t, sets[:, columns_]) for t, columns_ in zip(terms, own, strict=True) if LAUNCH_RANGE.name in t.reads]
+    swung = _changed(swung, design, ranged)
     engine = PATHS[int(stepped.all())] if stepped.all() or not stepped.any() else "mixed"
     launched = status == closed_form.LAUNCHED
     return Simulation(

@@ -29,6 +29,7 @@ def declaration(term: Term) -> CauseEntry:
         because=term.because,
         look=term.look,
         drives=term.drives,
+        reads=list(term.reads) if term.slot == "reading" else [],
         plugin=term.plugin,
     )  # fmt: skip
 

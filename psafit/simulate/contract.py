@@ -13,7 +13,7 @@ import sys
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from ctypes import CFUNCTYPE, POINTER, c_double
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from types import CodeType
 from typing import Any, SupportsIndex
@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from psafit.arrays import FloatArray
 from psafit.drives import Drive
 from psafit.experiment import Constants
+from psafit.observables import LAUNCH_RANGE
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline, term
 from psafit.physics.term import SLOTS, Term
@@ -87,6 +88,14 @@ def _apart(found: FloatArray, expected: FloatArray) -> float:
     """Largest relative difference."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(np.max(np.where(found == expected, 0.0, np.abs(found - expected) / np.abs(expected))))
+
+
+def of_ranges(cause: Term) -> Term:
+    """A cause that changes readings of another observable as if it changed launch ranges.
+
+    Its functions do not know of what a number is read.
+    """
+    return cause if LAUNCH_RANGE.name in cause.reads else replace(cause, reads=(LAUNCH_RANGE.name,))
 
 
 def usual_design() -> Design:
@@ -510,6 +519,7 @@ def check(
     Outcome
         A check that raises has failed. Where a function of a slot does not compile, the simulator is not let near it.
     """
+    cause = of_ranges(cause)
     design = usual_design() if design is None else design
     few = design.points(np.arange(0, design.n_points, max(1, design.n_points // 30)))
     constants, drives = design.constants, design.used

@@ -38,6 +38,7 @@ from psafit.arrays import FloatArray
 from psafit.drives import WAVEFORMS, Drive
 from psafit.errors import ConvergenceError
 from psafit.experiment import Constants
+from psafit.observables import LAUNCH_RANGE
 from psafit.physics.term import Memory, ReferenceRig, Term
 from psafit.simulate.literal_scheme import EPS, PLACES, TINY, Clock, Monitor, Step, advance
 from psafit.simulate.reference import Point
@@ -79,8 +80,15 @@ def reference_rig(
     k_c, c_s, c_c = (float(value) for value in theta)
     c = constants
     rig = ReferenceRig(k_c=k_c, c_s=c_s, c_c=c_c, m=c.m, M=c.M, k_s=c.k_s, q=c.q, l=c.l, g=c.g)
+    plain = rig.reading
     for term, values in terms:
-        term.literal(rig, [float(value) for value in values])
+        own, ranges = [float(value) for value in values], rig.reading
+        for name in (name for name in term.reads if name != LAUNCH_RANGE.name):
+            rig.reading = rig.readings.get(name, plain)
+            term.literal(rig, own)
+            rig.readings[name], rig.reading = rig.reading, ranges
+        if LAUNCH_RANGE.name in term.reads:
+            term.literal(rig, own)
     return rig
 
 

@@ -74,6 +74,36 @@ def test_a_draft_describes_what_is_left_of_all_readings(sound, tmp_path) -> None
     assert draft(mixed, replace(left, mean=noisy), tmp_path) is None
 
 
+def read_as(candidate: Candidate, name: str) -> SimpleNamespace:
+    """The same numbers, of another observable."""
+    design = candidate.problem.design
+    kind = OBSERVABLES.index(next(o for o in OBSERVABLES if o.name == name))
+    other = replace(design, measured=np.full(design.n_points, kind))
+    return SimpleNamespace(problem=SimpleNamespace(design=other), predicted=candidate.predicted)
+
+
+@pytest.mark.parametrize(("axis", "place", "said"), [
+    ("frequency", 1500.0, "on launch speeds at a frequency of"),
+    ("range", 300.0, "on launch speeds at a predicted launch speed of"),
+])  # fmt: skip
+def test_a_draft_is_of_what_was_read(sound, axis, place, said, tmp_path) -> None:
+    """Of speeds as of ranges; what is read over time is none."""
+    left = made(sound, axis, place, width=0.2)
+    found = draft(read_as(sound, "launch_speed"), left, tmp_path)
+    assert (found.observable, found.axis) == ("launch_speed", axis) and found.place == pytest.approx(place, rel=0.1)
+    term = plugin.read(tmp_path / FILE)
+    assert term.reads == ("launch_speed",) and "launch speeds differ by a factor" in term.description
+    if axis == "range":
+        where = term.parameters[1]
+        assert where.unit == "m/s" and where.bounds.lower < 1e-3 * place < where.bounds.upper
+        assert term.reading(np.array([[1e-3 * place]]), np.array([[0.4, 1e-3 * place, 0.3]]), np.zeros(1, int))[
+            0, 0
+        ] == pytest.approx(np.exp(0.4) * 1e-3 * place)
+    text = Drafted(found).say(PLAIN)
+    assert said in text and (axis == "frequency" or " mm/s describes" in text)
+    assert draft(read_as(sound, "velocity"), left, tmp_path) is None
+
+
 def test_a_draft_that_somebody_has_edited_stays(sound, tmp_path) -> None:
     (tmp_path / FILE).write_text("mine")
     found = [draft(sound, made(sound, "range", 300.0), tmp_path).file for _ in range(2)]
@@ -107,8 +137,11 @@ def test_only_what_is_unexplained_is_drafted(sound, tmp_path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("axis", ["frequency", "amplitude", "range"])
 def test_a_draft_keeps_the_contract(sound, axis, tmp_path) -> None:
-    draft(sound, made(sound, axis, {"frequency": 1500.0, "amplitude": 8.0, "range": 300.0}[axis]), tmp_path)
-    outcomes = check(plugin.read(tmp_path / FILE), draws=12)
+    place = {"frequency": 1500.0, "amplitude": 8.0, "range": 300.0}[axis]
+    draft(sound, made(sound, axis, place), tmp_path)
+    term = plugin.read(tmp_path / FILE)
+    draft(read_as(sound, "contact_time"), made(sound, axis, place), tmp_path)
+    outcomes = [*check(term, draws=12), *check(plugin.read(tmp_path / "draft_cause_2.py"), draws=4)]
     assert not [f"{one.check}: {one.text}" for one in outcomes if not one.passed]
 
 

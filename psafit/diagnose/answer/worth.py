@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.gain import Gain
 from psafit.diagnose.next_experiment import NextExperiment
-from psafit.diagnose.record.misfit import Axis, Draft
+from psafit.diagnose.record.misfit import Draft
 from psafit.diagnose.record.models import Look
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
+from psafit.observables import named
 from psafit.text import count, fixed
-
-_AXES: dict[Axis, str] = {"frequency": "a frequency", "amplitude": "an amplitude", "range": "a predicted range"}
 
 
 @dataclass(frozen=True)
@@ -67,12 +66,17 @@ class Drafted(Statement):
     found: Draft
 
     def say(self, words: Words) -> str:
-        d = self.found
-        unit = {"frequency": "Hz", "amplitude": "V", "range": "um"}[d.axis]
+        d, o = self.found, named(self.found.observable)
+        places = {
+            "frequency": ("Hz", "a frequency"),
+            "amplitude": ("V", "an amplitude"),
+            "range": (o.unit, f"a predicted {o.title}"),
+        }
+        unit, what = places[d.axis]
         return words.put(
-            "A factor of {} at {} of {} describes {} of what {}. {} has it as a cause: a description and no"
+            "A factor of {}{} at {} of {} describes {} of what {}. {} has it as a cause: a description and no"
             " mechanism, to be scored with --plugin.",
-            f"{d.factor:.2f}", _AXES[d.axis],
+            f"{d.factor:.2f}", "" if d.observable is None else f" on {o.titles}", what,
             words.number(f"{float(f'{d.place:.3g}'):g} {unit}"), words.per_cent(d.share),
             "is left" if d.added else "the baseline leaves", d.file,
         )  # fmt: skip

@@ -179,8 +179,8 @@ class Draft:
     file : str
         In the folder of the diagnosis.
     axis : {"frequency", "amplitude", "range"}
-        What the factor depends on.
-    place : float, Hz, V or um
+        What the factor depends on; the last is what is predicted of the observable.
+    place : float, Hz, V or the unit of the observable
         Where it departs most from one.
     factor : float
         By how much, there.
@@ -190,6 +190,8 @@ class Draft:
         Of the discrepancy's squares at all readings that it takes up, a factor common to each observable aside.
     added : bool
         Whether it is for what the named causes leave; else it stands in their place.
+    observable : str, optional
+        On which the factor is, where that is not the launch range.
     """
 
     file: str
@@ -199,3 +201,4 @@ class Draft:
     width: float
     share: float
     added: bool = True
+    observable: str | None = field(default=None, metadata=ABSENT)
