@@ -53,6 +53,8 @@ class FitSettings:
         Of a trial, about: every so many-th of each group, the least group all of eight.
     rough : float
         Error of a simulator's step in a trial, whatever the number of readings.
+    forgotten : float, nats
+        Ends this far below the best are left out.
     """
 
     trial: Schedule = ((3, 12), (5, 6), (12, 3))
@@ -66,6 +68,7 @@ class FitSettings:
     across: Schedule = ((6, 6), (30, 3))
     readings: int = 36
     rough: float = 1e-3
+    forgotten: float = 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +274,7 @@ def fit(
         tried = maximise(trial, starts, schedule=s.thorough, unite=True)
         end = maximise(problem, tried.u, still_below=s.enough, unite=True, counts=tried.starts)
         effort = tried.effort + Effort(n_sets=n_drawn + end.effort.n_sets)
-        return candidate_of(problem, replace(end, effort=effort))
+        return candidate_of(problem, replace(end, effort=effort), forgotten=s.forgotten)
     rows: list[FloatArray] = []
     for c in nested:
         new = [t for t in problem.terms if t.id not in c.ids]
@@ -406,7 +409,9 @@ def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> Float
     return np.vstack(rows)
 
 
-def candidate_of(problem: Problem, end: Optima, *, forgotten: float = 12.0, same: float = 0.1) -> Candidate:
+def candidate_of(
+    problem: Problem, end: Optima, *, forgotten: float = FitSettings.forgotten, same: float = 0.1
+) -> Candidate:
     """Turn the ends of optimisations into a candidate; `ConvergenceError` where no posterior there is finite.
 
     Parameters
@@ -414,7 +419,7 @@ def candidate_of(problem: Problem, end: Optima, *, forgotten: float = 12.0, same
     problem : Problem
     end : Optima
     forgotten : float, nats
-        Modes this far below the best are left out.
+        As of `FitSettings`.
     same : float
         Two are one where all coordinates of the model agree to this.
     """

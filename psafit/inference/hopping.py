@@ -38,7 +38,8 @@ def hopped(
     better : float, nats
         A rise that is worth another hop.
     n_modes : int
-        So many of the highest hop, each by itself: the one that leads before need not lead after.
+        So many of the highest hop, each by itself: the one that leads before need not lead after. Where one of them
+        rises, the others hop, too: ranges jump, and an optimisation may have stopped tens of nats below its top.
     n_draws : int
         About each.
     most : int
@@ -52,9 +53,10 @@ def hopped(
         No start counts for the modes that hops led to; the sets that they simulated count.
     """
     problem, rng = found.problem, np.random.default_rng([seed, 9])
-    tops, n_sets = found.modes[:n_modes], 0
+    n_sets, n_hops = 0, 0
     higher: list[FloatArray] = []
-    for _ in range(most):
+    tops, others = found.modes[:n_modes], found.modes[n_modes:]
+    while len(tops) and n_hops < most:
         here = [candidate_at(problem, top[None]) for top in tops]
         draws = np.array([np.clip(laplace_mixture(top).draw(n_draws, rng), *problem.bounds.T) for top in here])
         value = problem.log_posterior(draws.reshape(-1, problem.n_dim)).reshape(len(here), -1)
@@ -63,12 +65,12 @@ def hopped(
         end = maximise(problem, begun, schedule=schedule, still_below=FitSettings.enough)
         n_sets += n_draws * len(tops) + end.effort.n_sets
         risen = end.log_posterior > np.array([top.log_posterior for top in here]) + better
-        if not risen.any():
-            break
-        tops = end.u[risen]
+        tops, n_hops = end.u[risen], n_hops + 1
         higher.append(tops)
+        if risen.any() and len(others):
+            tops, others = np.vstack([tops, others]), others[:0]
     effort = found.effort + Effort(n_sets=n_sets)
-    if not higher:
+    if not sum(map(len, higher)):
         return replace(found, effort=effort)
     modes = np.vstack([found.modes, *higher])
     return candidate_at(problem, modes, np.pad(found.starts, (0, len(modes) - len(found.modes))), effort)
