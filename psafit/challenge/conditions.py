@@ -151,7 +151,7 @@ def drawn(
     few = bool(rng.uniform() < s.few) and readings is None
     constants, scale = _rig(sweeps, rng, s)
     driven = bool(rng.uniform() < s.other_drives)
-    read = _reads(rng, s, ranges or any(t.after_launch for t in causes))
+    read = _reads(rng, s, ranges, causes)
     parted = bool(rng.uniform() < s.parted)
     low, high = s.few_readings if few else s.readings
     n_groups = int(sweeps.integers(s.groups[0], s.groups[1] + 1))
@@ -227,12 +227,15 @@ def _sweep(rng: np.random.Generator, first: bool, n: int, scale: float) -> tuple
     return f, np.round(scale * np.linspace(rng.uniform(1.0, 5.0), 20.0, n), 2)
 
 
-def _reads(rng: np.random.Generator, s: ConditionSettings, ranges: bool) -> list[int]:
-    """Numbers of the observables of a design."""
+def _reads(rng: np.random.Generator, s: ConditionSettings, ranges: bool, causes: Sequence[Term]) -> list[int]:
+    """Numbers of the observables of a design, with what shows each cause that acts after the launch."""
     names: tuple[str, ...] = (LAUNCH_RANGE.name,)
     other, which = rng.uniform() < s.other_reads, rng.choice(len(s.reads), p=_odds([w for _, w in s.reads]))
     if other:
         names = s.reads[int(which)][0]
+    for cause in causes:
+        if cause.after_launch and cause.shown_in.isdisjoint(names):
+            names = (*names, cause.reads[0])
     return [k for k, o in enumerate(OF_LAUNCHES) if o.name in names or (ranges and o is LAUNCH_RANGE)]
 
 

@@ -36,7 +36,7 @@ from psafit.challenge.conditions import ConditionSettings, drawn, nameless, summ
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, fingerprint, session_name, write_experiment
 from psafit.inference import noise
-from psafit.observables import OBSERVABLES, Motion
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Motion
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
@@ -437,7 +437,12 @@ def _of_launches(rigs: _Rigs, chosen: NDArray[np.intp], jobs: int, chunk: int) -
     launches = _Launches(*np.concatenate(rows)[back].T)
     read = np.empty(len(chosen))
     for k in np.unique(measured):
-        read[measured == k] = OBSERVABLES[k].of(launches)[measured == k]
+        o, here = OBSERVABLES[k], measured == k
+        seen = o.of(launches)[here].tolist()
+        if o is not LAUNCH_RANGE:  # which is integrated as it is read
+            rows = chosen[here].tolist()
+            seen = [x if o.blank and x == 0.0 else rigs.read(i, o.name, x) for i, x in zip(rows, seen, strict=True)]
+        read[here] = np.array(seen) * o.scale
     return read
 
 
@@ -453,7 +458,9 @@ def _along_traces(rigs: _Rigs, chosen: NDArray[np.intp], jobs: int) -> FloatArra
     ball, speed, tip = seen.T
     read = np.empty(len(chosen))
     for kind in np.unique(measured):
-        read[measured == kind] = OBSERVABLES[kind].of(Motion(ball, speed, tip))[measured == kind]
+        read[measured == kind] = (
+            OBSERVABLES[kind].of(Motion(ball, speed, tip))[measured == kind] * OBSERVABLES[kind].scale
+        )
     return read
 
 
@@ -512,19 +519,19 @@ class _Rigs:
             self.edit(rig, point)
         return rig, point
 
+    def read(self, i: int, observable: str, value: float) -> float:
+        """What is read of the value of an observable, SI units, at a point."""
+        rig, point = self.at(i)
+        rig.frequency, rig.amplitude = point.frequency, point.amplitude
+        return rig.read(observable, value, int(self.design.group[i]))
+
     def launched(self, points: NDArray[np.intp], forces: bool) -> FloatArray:
         """Launch range, time and speed of the separation, and peak force, (n, 4)."""
         found = np.empty((len(points), 4))
         for k, i in enumerate(points):
             rig, point = self.at(int(i))
-            group = int(self.design.group[i])
-            seen = launch_in(rig, point, group=group, rtol=self.rtol, forces=forces)
-            others = (
-                ("contact_time", seen.separation_time),
-                ("launch_speed", seen.velocity),
-                ("peak_force", seen.peak_force),
-            )
-            found[k] = seen.launch_range, *(rig.read(name, x, group) for name, x in others)
+            seen = launch_in(rig, point, group=int(self.design.group[i]), rtol=self.rtol, forces=forces)
+            found[k] = seen.launch_range, seen.separation_time, seen.velocity, seen.peak_force
         return found
 
     def followed(self, i: int, times: FloatArray) -> FloatArray:

@@ -59,7 +59,9 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
     default=1,
     help="Keep one sample of a trace in N, and of a drive means of N.",
 )
-@click.option("--drive", type=Place("input"), metavar="FILE", help="A recorded voltage over time, which is the drive.")
+@click.option(
+    "--drive", type=Place("input"), metavar="FILE", help="The drive: a recorded voltage, or one period by phase."
+)
 @click.option("--period", metavar="TIME[:UNIT]", help="Of that voltage: 1:ms; without it the drive is as recorded.")
 @click.option("--sheet", "sheets", multiple=True, metavar="NAME", help="Sheet of a workbook, a group each; repeat.")
 @QUIET

@@ -426,7 +426,8 @@ def completed(
             here = f"that of these readings has {listed(p.name for p in scatter)}"
             remedy = here if scatter else "it is of the scatter: add --readings FOLDER --seed N"
         if of := [t for t in (*chosen, *TERMS) if t.id == unknown[0]]:
-            remedy = f"it is a cause: --terms {of[0].id} --set {of[0].strength.name}={asked[unknown[0]]:g}"
+            every = ",".join(dict.fromkeys([*(t.id for t in chosen), of[0].id]))
+            remedy = f"it is a cause: --terms {every} --set {of[0].strength.name}=VALUE ({of[0].strength.unit})"
         if hasattr(plan.constants, unknown[0]):
             remedy = "it is a constant of the rig: change [constants] in experiment.toml, or give one group its own"
         raise InputError(f"no parameter {unknown[0]}", remedy)

@@ -32,7 +32,7 @@ class Room:
 
 
 def room(
-    model_set: ModelSet, adopted: Ids, term: Term, *, seed: int, draws: int = 128, rounds: int = 8, limit: float = 0.95
+    model_set: ModelSet, adopted: Ids, term: Term, *, seed: int, draws: int = 128, rounds: int = 12, limit: float = 0.95
 ) -> Room | None:
     """Return what a cause may do given what is adopted.
 

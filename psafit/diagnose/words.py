@@ -9,7 +9,7 @@ from psafit.experiment import GroupId
 from psafit.text import fixed, percent, set_name, significant
 
 NO_ACTION: Final = "does not act on what was read"
-"""What is said of a cause that acts on no drive of the readings, or changes launch ranges alone where none was read."""
+"""What is said of a cause that acts on no drive of the readings, or changes only what was not read."""
 
 
 class Words:

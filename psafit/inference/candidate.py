@@ -60,7 +60,7 @@ class FitSettings:
     trial: Schedule = ((3, 12), (5, 6), (12, 3))
     fresh: Schedule = ((8, 8), (16, 4))
     full: Schedule = ((6, 6), (30, 3))
-    thorough: Schedule = ((2, 24), (6, 12), (30, 6))
+    thorough: Schedule = ((2, 24), (6, 12), (30, 8))
     enough: float = 0.05
     hopeless: float = 15.0
     taken: int = 2
@@ -268,7 +268,7 @@ def fit(
     s = settings or FitSettings()
     trial = subsampled(problem, s)
     if not nested:
-        # One optimisation of each mode goes on: six of the highest would lose a second that holds half of the
+        # One optimisation of each mode goes on: eight of the highest would lose a second that holds half of the
         # posterior.
         starts, n_drawn = starts_of(trial, seed, most, draws)
         tried = maximise(trial, starts, schedule=s.thorough, unite=True)

@@ -29,9 +29,6 @@ class SampleSettings:
     from_prior : int
         Causes up to which all fits begin at draws of the prior by themselves, too. Where more hold each other in place,
         few of these come near a top: of such a model the second look alone begins there, too.
-    ends : int
-        Of a look from the prior alone, so many ends of optimisations are kept for hops, each in a place of its own,
-        however low they are.
     better : float, nats
         Rise of a log posterior by which a fit counts as another mode, and difference of the two highest evidences above
         which one more look is taken.
@@ -50,7 +47,6 @@ class SampleSettings:
     alone_draws: int = 1024
     alone_starts: int = 48
     from_prior: int = 2
-    ends: int = 8
     better: float = 0.5
     looks: int = 4
     lacking: float = 2.0
@@ -139,11 +135,9 @@ def _look(
     """Look for modes from what is known, and from the prior by itself where `fresh` or nothing is known."""
     if known:
         return hopped(fit(problem, known, seed=seed, draws=draws, most=starts, fresh=fresh), seed=seed, better=s.better)
-    usual = FitSettings()
-    *early, (iterations, _) = usual.thorough
-    every = replace(usual, thorough=(*early, (iterations, s.ends)), forgotten=math.inf)
-    found = fit(problem, (), seed=seed, draws=draws, most=starts, settings=every)
-    return hopped(found, seed=seed, better=s.better)
+    # No end is too low for hops.
+    every = FitSettings(forgotten=math.inf)
+    return hopped(fit(problem, (), seed=seed, draws=draws, most=starts, settings=every), seed=seed, better=s.better)
 
 
 def joined(

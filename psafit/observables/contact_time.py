@@ -11,7 +11,7 @@ from psafit.parameters import Bounds, LogNormal
 
 def _of(launches: Launches) -> FloatArray:
     """A ball that does not leave the tip has no such time. Zero stands for it, far from any reading."""
-    return np.nan_to_num(launches.separation_time) * 1e6
+    return np.nan_to_num(launches.separation_time)
 
 
 CONTACT_TIME = Observable(

@@ -8,7 +8,7 @@ from psafit.parameters import Bounds, LogNormal
 
 
 def _of(motion: Motion) -> FloatArray:
-    return motion.ball * 1e6
+    return motion.ball
 
 
 DISPLACEMENT = Observable(

@@ -11,7 +11,7 @@ from psafit.parameters import Bounds, LogNormal
 
 def _of(launches: Launches) -> FloatArray:
     """A ball that leans on the tip may leave it behind its place of rest and never come beyond that: it reads zero."""
-    return np.maximum(launches.launch_range, 0.0) * 1e6
+    return np.maximum(launches.launch_range, 0.0)
 
 
 LAUNCH_RANGE = Observable(

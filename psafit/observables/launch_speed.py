@@ -15,7 +15,7 @@ from psafit.parameters import Bounds, LogNormal
 
 def _of(launches: Launches) -> FloatArray:
     """A ball that is not launched has no speed."""
-    return np.asarray(np.where(launches.launched, launches.separation_speed, 0.0)) * 1e3
+    return np.asarray(np.where(launches.launched, launches.separation_speed, 0.0))
 
 
 LAUNCH_SPEED = Observable(

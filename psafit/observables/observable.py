@@ -63,8 +63,7 @@ class Observable:
     title : str
         What it is called in sentences and figures.
     of : callable
-        ``of(launches)``, or ``of(motion)`` of a trace, is the reading without scatter, in the column's unit; (n_sets,
-        n_points).
+        ``of(launches)``, or ``of(motion)`` of a trace, is the reading without scatter, SI units; (n_sets, n_points).
     scatter : tuple of Parameter
         Relative scatter, absolute scatter and degrees of freedom, and of a trace the correlation time; see
         `psafit.inference.noise`.

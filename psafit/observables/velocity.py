@@ -8,7 +8,7 @@ from psafit.parameters import Bounds, LogNormal
 
 
 def _of(motion: Motion) -> FloatArray:
-    return motion.ball_speed * 1e3
+    return motion.ball_speed
 
 
 VELOCITY = Observable(

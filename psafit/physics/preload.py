@@ -89,7 +89,7 @@ TERM = Term(
             4.5e-2,
         ),
     ),
-    look="a photograph of the string at rest, from the side",
+    look="the angle of the string at rest, on a photograph from the side",
     literal=literal,
     setup=setup,
     limit=("separation_height", (1.0,)),

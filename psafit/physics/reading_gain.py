@@ -79,7 +79,7 @@ TERM = Term(
             60e-6,
         ),
     ),
-    look="what the instrument reads of a known distance, in each session",
+    look="what the instrument reads of a known motion of the ball, in each session",
     literal=literal,
     reading=reading,
     reads=("launch_range", "launch_speed", "displacement", "velocity"),

@@ -94,7 +94,7 @@ TERM = Term(
             4.5e-2,
         ),
     ),
-    look="a photograph of the string at rest, from the side, in each session",
+    look="the angle of the string at rest, on a photograph from the side, in each session",
     literal=literal,
     setup=setup,
     latent=Parameter(

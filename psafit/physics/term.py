@@ -36,6 +36,7 @@ DRIVES: dict[str, str] = {
     "shifting": "acts on waveforms whose phase is free: not on those of jumps, nor on tables and recordings",
 }
 """On which drives a cause has a meaning, in words."""
+_OF_FLIGHT = frozenset({"displacement", "velocity"})
 SLOTS: tuple[Slot, ...] = ("drive", "stack", "contact", "flight", "reading")
 
 
@@ -367,6 +368,8 @@ class Term:
             raise ValueError(f"{self.id}: no check by hand")
         if self.drives not in DRIVES:
             raise ValueError(f"{self.id}: no drives {self.drives!r}; there are {', '.join(DRIVES)}")
+        if type(self.reads) is not tuple or not self.reads or len({*self.reads}) < len(self.reads):
+            raise ValueError(f"{self.id}: reads is {self.reads!r}; give a tuple of observables, each once")
         if unknown := [name for name in self.reads if name not in {o.name for o in OBSERVABLES}]:
             known = ", ".join(o.name for o in OBSERVABLES)
             raise ValueError(f"{self.id}: there is no observable {unknown[0]!r} to read; there are {known}")
@@ -408,8 +411,13 @@ class Term:
 
     @property
     def after_launch(self) -> bool:
-        """Whether it acts on the flight and on the reading alone, so that nothing but what it `reads` can show it."""
+        """Whether it acts on the flight and on the reading alone, so that only what is `shown_in` can show it."""
         return self.setup is None and not self.stepped
+
+    @property
+    def shown_in(self) -> frozenset[str]:
+        """Observables that can show what acts after the launch: what it `reads`, and the ball's flight."""
+        return frozenset(self.reads) | (_OF_FLIGHT if self.deceleration else frozenset())
 
     @property
     def by_session(self) -> bool:
@@ -428,10 +436,10 @@ def signature(id: str, plugin: str) -> str:
 
 
 def idle(causes: Iterable[Term], groups: Sequence[Conditions]) -> list[str]:
-    """Causes that act on none of some groups' drives, or on readings alone that none of them has."""
+    """Causes that act on none of some groups' drives, or that nothing shows that is read there."""
 
     def acts(term: Term, group: Conditions) -> bool:
         read = {o.name for o in group.observables}
-        return term.acts_on(group.drive) and not (term.after_launch and read.isdisjoint(term.reads))
+        return term.acts_on(group.drive) and not (term.after_launch and read.isdisjoint(term.shown_in))
 
     return [t.id for t in causes if not any(acts(t, g) for g in groups)]

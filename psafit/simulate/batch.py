@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -321,7 +321,8 @@ def _of_launches(
 ) -> FloatArray:
     """`readings` of launches as a whole."""
     if design.launches is None:
-        return LAUNCH_RANGE.of(simulate(design, theta, terms, tolerance=tolerance, n_sessions=n_sessions))
+        found = simulate(design, theta, terms, tolerance=tolerance, n_sessions=n_sessions)
+        return LAUNCH_RANGE.of(found) * LAUNCH_RANGE.scale
     points, back = design.launches
     kinds = np.unique(design.measured)
     forces = any(OBSERVABLES[k].force for k in kinds)
@@ -329,9 +330,8 @@ def _of_launches(
     read = np.empty((len(found.launch_range), design.n_points))
     for k in kinds:
         here = np.flatnonzero(design.measured == k)
-        read[:, here] = OBSERVABLES[k].of(found)[:, back[here]]
-        if OBSERVABLES[k] is not LAUNCH_RANGE:
-            read[:, here] = _as_read(OBSERVABLES[k], read[:, here], design, here, theta, terms, n_sessions)
+        seen = OBSERVABLES[k].of(found)[:, back[here]]
+        read[:, here] = _as_read(OBSERVABLES[k], seen, design, here, theta, terms, n_sessions)
     return read
 
 
@@ -344,23 +344,35 @@ def _as_read(
     terms: Sequence[Term],
     n_sessions: int | None,
 ) -> FloatArray:
-    """What is read of an observable, both in its column's unit, (n_sets, n_rows), at some rows of a design."""
-    reading = [observable.name in t.reads for t in terms]
-    if not any(reading):
-        return values
-    sets = np.atleast_2d(np.asarray(theta, dtype=float))
-    own = _own(terms, n_sessions or int(design.group.max(initial=0)) + 1)
-    chosen = [(t, sets[:, columns_]) for t, columns_, acts in zip(terms, own, reading, strict=True) if acts]
-    return _changed(values / observable.scale, design.points(rows), chosen) * observable.scale
+    """What is read of values, SI units, (n_sets, n_rows), at some rows of a design; in the column's unit.
+
+    Launch ranges are simulated as they are read. What a launch that failed does not have is not read, either.
+    """
+    if observable is not LAUNCH_RANGE and any(observable.name in t.reads for t in terms):
+        sets = np.atleast_2d(np.asarray(theta, dtype=float))
+        own = _own(terms, n_sessions or int(design.group.max(initial=0)) + 1)
+        here = design.group[rows], design.frequency[rows], design.amplitude[rows]
+        read = _changed(observable, values, *here, sets, terms, own)
+        values = np.where(values == 0.0, 0.0, read) if observable.blank else read
+    return values * observable.scale
 
 
-def _changed(values: FloatArray, design: Design, reading: Iterable[tuple[Term, FloatArray]]) -> FloatArray:
-    """Values, SI units, as causes that change readings leave them; each with its own columns of the sets."""
-    for term, p in reading:
-        if term.reading:
-            values = term.reading(values, p, design.group)
-        if term.condition:
-            values = values * term.condition(design.frequency, design.amplitude, p)
+def _changed(
+    observable: Observable,
+    values: FloatArray,
+    group: NDArray[np.int64],
+    frequency: FloatArray,
+    amplitude: FloatArray,
+    sets: FloatArray,
+    terms: Sequence[Term],
+    own: Sequence[slice],
+) -> FloatArray:
+    """Values of an observable, SI units, as causes that change its readings leave them."""
+    for term, columns_ in zip(terms, own, strict=True):
+        if observable.name in term.reads and term.reading:
+            values = term.reading(values, sets[:, columns_], group)
+        if observable.name in term.reads and term.condition:
+            values = values * term.condition(frequency, amplitude, sets[:, columns_])
     return values
 
 
@@ -423,8 +435,7 @@ def _simulate(
             when, speed, place, status, rig.l, rig.g, rig.lean, rig.rub, loss[0], loss[1], np.ascontiguousarray(sets),
             design.moments, steps, motion,
         )  # fmt: skip
-    ranged = [(t, sets[:, columns_]) for t, columns_ in zip(terms, own, strict=True) if LAUNCH_RANGE.name in t.reads]
-    swung = _changed(swung, design, ranged)
+    swung = _changed(LAUNCH_RANGE, swung, design.group, design.frequency, design.amplitude, sets, terms, own)
     engine = PATHS[int(stepped.all())] if stepped.all() or not stepped.any() else "mixed"
     launched = status == closed_form.LAUNCHED
     return Simulation(

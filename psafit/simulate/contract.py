@@ -14,20 +14,20 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from ctypes import CFUNCTYPE, POINTER, c_double
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, wraps
 from types import CodeType
 from typing import Any, SupportsIndex
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from psafit.arrays import FloatArray
 from psafit.drives import Drive
 from psafit.experiment import Constants
-from psafit.observables import LAUNCH_RANGE
+from psafit.observables import LAUNCH_RANGE, named
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline, term
-from psafit.physics.term import SLOTS, Term
+from psafit.physics.term import SLOTS, ReferenceRig, Term
 from psafit.plugins import blamed, message_of
 from psafit.simulate import stepper
 from psafit.simulate.batch import Simulation, columns, path_of, simulate
@@ -93,9 +93,29 @@ def _apart(found: FloatArray, expected: FloatArray) -> float:
 def of_ranges(cause: Term) -> Term:
     """A cause that changes readings of another observable as if it changed launch ranges.
 
-    Its functions do not know of what a number is read.
+    A usual reading of the first that it `reads` stands for a usual range.
     """
-    return cause if LAUNCH_RANGE.name in cause.reads else replace(cause, reads=(LAUNCH_RANGE.name,))
+    if LAUNCH_RANGE.name in cause.reads:
+        return cause
+    usual = (math.sqrt(math.prod(o.usual)) / o.scale for o in (named(cause.reads[0]), LAUNCH_RANGE))
+    factor = next(usual) / next(usual)
+
+    def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
+        before = rig.reading
+        rig.reading = lambda x, group: factor * before(x / factor, group)
+        cause.literal(rig, p)
+        inside = rig.reading
+        rig.reading = lambda L, group: inside(factor * L, group) / factor
+
+    given = cause.reading
+    if given is None:
+        return replace(cause, reads=(LAUNCH_RANGE.name,), literal=literal)
+
+    @wraps(given)
+    def reading(L: FloatArray, p: FloatArray, group: NDArray[np.int64]) -> FloatArray:
+        return given(factor * L, p, group) / factor
+
+    return replace(cause, reads=(LAUNCH_RANGE.name,), literal=literal, reading=reading)
 
 
 def usual_design() -> Design:

@@ -287,7 +287,7 @@ def test_simulate(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> No
         (["--terms", "gap"], "no value for gap_width"),
         ([*values, "--set", "c_x=1"], "no parameter c_x"),
         (["--set", "K_c=1e5"], "no parameter K_c; did you mean k_c?"),
-        (["--set", "gap=4e-7"], "no parameter gap; it is a cause: --terms gap --set gap_width=4e-07"),
+        (["--set", "gap=4e-7"], "no parameter gap; it is a cause: --terms gap --set gap_width=VALUE (m)"),
         ([*values, "--set", "k_c=2e5"], "--set gives k_c twice"),
         ([*values[:5], "c_c=-3"], "impossible"),
         ([*values[:5], "c_c=nan"], "impossible"),

@@ -74,12 +74,12 @@ def test_a_draft_describes_what_is_left_of_all_readings(sound, tmp_path) -> None
     assert draft(mixed, replace(left, mean=noisy), tmp_path) is None
 
 
-def read_as(candidate: Candidate, name: str) -> SimpleNamespace:
-    """The same numbers, of another observable."""
+def read_as(candidate: Candidate, name: str, factor: float = 1.0) -> SimpleNamespace:
+    """The same numbers, or so many times as large, of another observable."""
     design = candidate.problem.design
     kind = OBSERVABLES.index(next(o for o in OBSERVABLES if o.name == name))
     other = replace(design, measured=np.full(design.n_points, kind))
-    return SimpleNamespace(problem=SimpleNamespace(design=other), predicted=candidate.predicted)
+    return SimpleNamespace(problem=SimpleNamespace(design=other), predicted=factor * candidate.predicted)
 
 
 @pytest.mark.parametrize(("axis", "place", "said"), [
@@ -141,7 +141,10 @@ def test_a_draft_keeps_the_contract(sound, axis, tmp_path) -> None:
     draft(sound, made(sound, axis, place), tmp_path)
     term = plugin.read(tmp_path / FILE)
     draft(read_as(sound, "contact_time"), made(sound, axis, place), tmp_path)
-    outcomes = [*check(term, draws=12), *check(plugin.read(tmp_path / "draft_cause_2.py"), draws=4)]
+    draft(read_as(sound, "peak_force", 0.01), made(sound, axis, place), tmp_path)
+    others = [plugin.read(tmp_path / f"draft_cause_{k}.py") for k in (2, 3)]
+    assert [one.reads for one in others] == [("contact_time",), ("peak_force",)]
+    outcomes = [*check(term, draws=12), *(outcome for one in others for outcome in check(one, draws=4))]
     assert not [f"{one.check}: {one.text}" for one in outcomes if not one.passed]
 
 

@@ -195,7 +195,17 @@ def test_what_is_unclear_is_asked_for(content: Any, said: str, line: int | None,
 def test_volts_are_not_counted_against_every_heading(tmp_path: Path) -> None:
     error = refused(tmp_path, HEAD + "1200;40;3\n", replace(SINE, volts="rms"))
     assert error.what == "--volts rms is given, and column 'Amplitude (Vp)' says zero to peak"
-    assert "--column 'Amplitude (Vp)=amplitude_v:Vrms'" in error.remedy
+    assert error.remedy == "leave out --volts, or correct that" and error.line == 1
+    wide = "Frequency (Hz);Range (um) at 20 {0};Range (um) at 10 {0}\n1200;40;3\n"
+    assert imported(tmp_path, wide.format("V"), replace(SINE, volts="rms"))[0][1] == pytest.approx(20 * 2**0.5)
+    assert "says peak to peak" in refused(tmp_path, wide.format("Vpp"), replace(SINE, volts="rms")).what
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    for file, text in zip(files, (HEAD + "1200;40;3\n", wide.format("V")), strict=True):
+        file.write_text(text, encoding="utf-8")
+    assert len(read_files(files, replace(SINE, volts="rms"))) == 2
+    held = replace(SINE, volts="rms", values=(("amplitude_v", 20.0),), counted=("pp",))
+    error = refused(tmp_path, "Frequency (Hz);Range (um)\n1200;3\n", held)
+    assert error.what == "--volts rms is given, and --set amplitude_v says peak to peak"
 
 
 @pytest.mark.parametrize(

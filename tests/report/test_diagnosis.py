@@ -128,7 +128,7 @@ def test_record_is_shown(page):
         "change +310.0 to +402.0 nats", "0.900 (×2.46)", "+179.5", "42 % / 91 %", "hysteresis of the stack 80 %",
         "5.00 at 700 nm", "12.5 ± 0.4 nats", "93 %", "−0.800 to −0.610",
         "+179.5 (+150.0 to +210.0)",
-        "Without launches, look at what the stack does: that shows whether", "Without launches", "62 %",
+        "Without launches, check what the stack does: that shows whether", "Without launches", "62 %",
         "l = 0.0750 m", "0.99", "3.1·10⁻⁷", "causes 12.5 s",
         "psafit diagnose experiments/made-up --group 1", "all other sets of causes", "a discrepancy without a name",
         "164 sets of causes were fitted on all readings, 13 of them sampled; the others have 0.4 % of the probability",
@@ -301,7 +301,7 @@ def test_no_share_is_printed_of_a_cause_that_is_not_needed(tmp_path):
     page = build(replace(record, screening=found), experiment, tmp_path)
     assert "1 does not act on what was read: drag on the swing" in page.first_screen
     assert "could not have been seen" not in page.first_screen
-    assert "or changes launch ranges alone, and none was read" in page.text
+    assert "or changes only what was not read" in page.text
     assert "where a cause does not show, its model counts as the model without it" in page.text
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -92,6 +91,32 @@ def test_what_is_read_is_what_the_reference_reads(causes: tuple[Term, ...]) -> N
         assert changed.all() if o.name in names else not changed.any(), o.name
 
 
+def _later_literally(rig: ReferenceRig, p: Any) -> None:
+    before, delay = rig.reading, p[0]
+    rig.reading = lambda x, group: before(x, group) + delay
+
+
+def test_what_a_failed_launch_does_not_have_is_not_read() -> None:
+    """A speed of zero has a reading; a contact time and a force that are not there have none."""
+    moved = groups()[0]
+    both = [moved, replace(moved, id="still", amplitude_v=0.0 * moved.amplitude_v)]
+    design, theta = Design.of(STUDY, both), [1.4e6, 3e3, 30.0]
+    for name, delay in (("launch_speed", 1e-4), ("contact_time", 2e-6), ("peak_force", 0.01)):
+        later = replace(
+            FLOOR,
+            id="later",
+            reads=(name,),
+            parameters=(replace(FLOOR.strength, name="later"),),
+            literal=_later_literally,
+            reading=lambda x, p, group: x + p[:, :1],
+        )
+        parameters = dict(zip(("k_c", "c_s", "c_c"), theta, strict=True)) | {"later": delay}
+        fast = readings(design, [*theta, delay], [later])[0]
+        assert fast == pytest.approx(simulate_literally(design, parameters, [later], [g.id for g in both]), rel=1e-6)
+        rows = (design.amplitude == 0.0) & (design.measured == [o.name for o in OBSERVABLES].index(name))
+        assert rows.any() and (fast[rows] > 0.0).all() == (name == "launch_speed")
+
+
 def test_a_gain_of_the_instrument_is_that_of_all_that_it_reads() -> None:
     design = Design.of(STUDY, groups())
     theta, z = [1.4e6, 3e3, 30.0], [0.5, -1.0, 0.3, 2.0, -0.4]
@@ -108,6 +133,10 @@ def test_what_a_cause_reads_says_where_it_acts() -> None:
     assert idle([GAIN, SLOWER, LOUDER], [times]) == ["reading_gain"]
     assert idle([GAIN, SLOWER, LOUDER], [forces]) == ["reading_gain", "slower"]
     assert idle([GAIN, SLOWER, LOUDER], [ranges, forces]) == ["slower"]
+    friction, height, floor = map(term, ("flight_friction", "separation_height", "reading_offset"))
+    traces = groups()[2:]
+    assert idle([friction, height, floor], traces[:1]) == ["separation_height", "reading_offset"]
+    assert idle([friction, height, floor], traces[2:]) == [friction.id, height.id, floor.id], "the tip's"
 
 
 def test_what_changes_readings_of_others_does_nothing_else() -> None:
@@ -115,11 +144,17 @@ def test_what_changes_readings_of_others_does_nothing_else() -> None:
         replace(term("flight_friction"), reads=("launch_speed",))
     with pytest.raises(ValueError, match="no observable 'speed' to read; there are launch_range, launch_speed"):
         replace(SLOWER, reads=("speed",))
+    for reads in ("launch_speed", (), ("launch_speed", "launch_speed")):
+        with pytest.raises(ValueError, match="give a tuple of observables, each once"):
+            replace(SLOWER, reads=reads)  # type: ignore[arg-type]
 
 
 def test_the_contract_looks_at_ranges() -> None:
-    assert of_ranges(SLOWER).reads == ("launch_range",) and of_ranges(GAIN) is GAIN
-    point = np.array([[3e-6]])
-    assert SLOWER.reading is not None and math.isclose(
-        SLOWER.reading(point, np.array([[0.1]]), np.array([1]))[0, 0], 3.6e-6
-    )
+    """A usual contact time, 1 ms, stands for a usual range, 100 um."""
+    late = replace(FLOOR, reading=lambda x, p, group: x + p[:, :1], literal=_later_literally, reads=("contact_time",))
+    seen = of_ranges(late)
+    assert seen.reads == ("launch_range",) and of_ranges(GAIN) is GAIN and seen.reading is not None
+    assert seen.reading(np.array([[1e-4]]), np.array([[1e-3]]), np.array([0])) == pytest.approx(2e-4)
+    rig = ReferenceRig(k_c=1.0, c_s=1.0, c_c=1.0, m=1.0, M=1.0, k_s=1.0, q=1.0, l=1.0, g=1.0)
+    seen.literal(rig, [1e-3])
+    assert rig.reading(1e-4, 0) == pytest.approx(2e-4)

@@ -75,7 +75,7 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
         found.append(Drafted(d.draft))
     if d.next_experiment.proposals:
         found.append(Next(d.next_experiment, d.leaves_tied))
-    found += [LookAt(look, d.verdict == "explained") for look in d.looks[:1]]
+    found += map(LookAt, d.looks[:1])
     return (*found, Searched(d.looked_at, d.settings.search.missed))
 
 

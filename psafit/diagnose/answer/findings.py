@@ -307,7 +307,7 @@ class Sizes(Statement):
     def _by_cause(words: Words, values: list[tuple[str, ParameterResult]]) -> str:
         found: dict[str, list[str]] = {}
         for name, p in values:
-            found.setdefault(owner(name) or "", []).append(_size(words, name, p))
+            found.setdefault(owner(name) or "", []).append(sized(words, name, p))
         each = (words.put("{} {}", words.cause(id), words.listed(texts)) for id, texts in found.items())
         return words.joined("; ", each)
 
@@ -432,19 +432,20 @@ class TooWeak(Statement):
         text = words.put(
             "Perhaps at work, but too weak to count by itself: {}, with {}. {} times as probable as {} alone.",
             words.listed(map(words.cause, more)),
-            words.listed(_size(words, name, p) for name, p in c.parameters.items()),
+            words.listed(sized(words, name, p) for name, p in c.parameters.items()),
             words.number(significant(c.odds, 2)), words.causes(self.adopted),
         )  # fmt: skip
         if not c.moved:
             return text
         moved = (
-            words.put("{}, not {}", _size(words, name, p), words.number(significant(self.values[name].median)))
+            words.put("{}, not {}", sized(words, name, p), words.number(significant(self.values[name].median)))
             for name, p in c.moved.items()
         )
         return words.put("{} With it, {}.", text, words.joined("; ", moved))
 
 
-def _size(words: Words, name: str, p: ParameterResult) -> str:
+def sized(words: Words, name: str, p: ParameterResult) -> str:
+    """A parameter with its value, and with its reciprocal where people know that."""
     text = words.size(name, p.unit, p.median, p.interval)
     if not (p.reciprocal and p.median):
         return text

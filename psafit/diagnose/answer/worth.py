@@ -97,16 +97,14 @@ class CheckFirst(Statement):
 
 @dataclass(frozen=True)
 class LookAt(Statement):
-    """A cause that the rig itself shows, without launches; `explained` where it is named and nothing contradicts it."""
+    """A cause that the rig itself shows, without launches."""
 
     topic = "next"
     found: Look
-    explained: bool
 
     def say(self, words: Words) -> str:
-        does = "that would confirm {}" if self.explained else "that shows whether {} is at work"
-        how = words.put(does, words.cause(self.found.cause))
-        return words.put("Without launches, look at {}: {}.", self.found.at, how)
+        how = "Without launches, check {}: that shows whether {} is at work."
+        return words.put(how, self.found.at, words.cause(self.found.cause))
 
 
 @dataclass(frozen=True)

@@ -87,12 +87,14 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
         Where something cannot be read, is impossible, or can be understood in two ways.
     """
     faults = Faults()
+    period = _own_period(options.drive_file, options) if options.drive_file else None
     found: list[list[tuple[Grid, Head]]] = []
     for file in files:
+        if period and options.drive_file and file.resolve() == options.drive_file.resolve() and len(files) > 1:
+            continue
         with faults.kept():
             found += _tables(file, options)
     faults.end()
-    period = _own_period(options.drive_file) if options.drive_file else None
     driven = _recordings(options.drive_file, options) if options.drive_file and not period else []
     sheets = {(grid.file, grid.sheet) for grid, *_ in driven}
     found = [tries for tries in found if (tries[0][0].file, tries[0][0].sheet) not in sheets] or found
@@ -133,10 +135,10 @@ def _driven(tables: Sequence[Table], kept: Drive, whole: Drive, recording: Table
     return done
 
 
-def _own_period(file: Path) -> Drive | None:
+def _own_period(file: Path, options: Options) -> Drive | None:
     """The drive of a file in psafit's own form of one period; None where it has another form."""
     try:
-        line, header, _ = headed(file, Options.most_bytes, "")
+        line, header, _ = headed(file, options.most_bytes, "")
     except InputError:
         return None
     if words(" ".join(header)) != " ".join(PERIOD):
@@ -178,12 +180,12 @@ def _check_used(tables: Sequence[Table], options: Options, driven: Sequence[Grid
     if options.period_us is not None and not driven:
         remedy = "leave it out: the file holds one period" if options.drive else "give it with --drive FILE"
         faults.add(InputError("--period is of a recorded drive, and there is none", remedy))
-    counted = [(c.volts, c.headings[0]) for t in tables for c in t.columns if c.column == "amplitude_v" and c.volts]
-    if options.volts and counted and options.volts not in dict(counted):
-        volts, heading = counted[0]
-        what = f"--volts {options.volts} is given, and column {shown(heading)} says {VOLTS[volts]}"
-        said = option(heading, "amplitude_v", f"V{SUFFIXES[options.volts]}")
-        faults.add(InputError(what, f"leave out --volts, or say {said}", file=tables[0].file))
+    counted = [(t, c) for t in tables for c in t.columns if c.column == "amplitude_v" and c.volts]
+    if options.volts and counted and all(c.volts != options.volts for _, c in counted):
+        place, column = counted[0]
+        where = f"column {shown(column.headings[0])}" if column.headings else "--set amplitude_v"
+        what = f"--volts {options.volts} is given, and {where} says {VOLTS[column.volts or 'peak']}"
+        faults.add(InputError(what, "leave out --volts, or correct that", file=place.file, line=place.header_line or 1))
     if not driven and not any(group.time_us is not None for group in groups):
         for name in (name for name, is_given in given.items() if is_given):
             faults.add(InputError(f"{name} is of traces, and no table is one", "leave it out"))
@@ -504,9 +506,17 @@ def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options)
 def _columns(chosen: Chosen, options: Options, zeros: dict[str, float]) -> list[Understood]:
     """How psafit's columns came from those of the file, in psafit's order."""
     held = [*chosen.held(options), *chosen.settings(options)]
-    columns = [Understood(name, (), COLUMNS[name].unit, 1.0) for name in held]
-    named = ((n, tuple(c.title for c in chosen.columns if any(a.column == n for a in c.at))) for n in CONDITION_COLUMNS)
-    columns += [Understood(name, headings, COLUMNS[name].unit, 1.0) for name, headings in named if headings]
+    columns = [
+        Understood(
+            name, (), COLUMNS[name].unit, 1.0, (options.counted or (None,))[0] if name == "amplitude_v" else None
+        )
+        for name in held
+    ]
+    for name in CONDITION_COLUMNS:
+        named = [c for c in chosen.columns if any(a.column == name for a in c.at)]
+        ways = {a.volts or options.volts for c in named for a in c.at if a.column == name == "amplitude_v"}
+        volts = ways.pop() if len(ways) == 1 else None
+        columns += [Understood(name, tuple(c.title for c in named), COLUMNS[name].unit, 1.0, volts)] if named else []
     for name in dict.fromkeys(c.column for c in chosen.columns if c.column in COLUMNS):
         same = chosen.of(name)
         units = {c.unit.said: c.unit.factor(COLUMNS[name].unit) for c in same if c.unit}

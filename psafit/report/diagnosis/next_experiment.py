@@ -7,6 +7,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from psafit.diagnose.answer.findings import sized
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, ProposalSettings, Rehearsal
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.record.models import Look
@@ -68,7 +69,7 @@ def looks(found: Sequence[Look]) -> list[list[Any]]:
     """What to look at on the rig, by cause, with what the readings say that would be seen."""
     rows = []
     for look in found:
-        sizes = [PAGE.size(name, p.unit, p.median, p.interval) for name, p in look.parameters.items()]
+        sizes = [sized(PAGE, name, p) for name, p in look.parameters.items()]
         rows.append([cause(look.cause), look.at, percent(look.probability), listed(sizes)])
     return rows
 
