@@ -44,7 +44,8 @@ def terms(id: str | None, quiet: bool, json_file: Path | None) -> int:
         if not quiet:
             click.echo("\n".join(_parameter(own[0])))
         return DONE
-    id = (owner(id) or id) if id else id
+    sessions = {t.latent.name: t.id for t in TERMS if t.latent}
+    id = (owner(id) or sessions.get(id, id)) if id else id
     entries = [declaration(t) for t in ([term(id)] if id else TERMS)]
     write_result(json_file, entries)
     if not quiet:

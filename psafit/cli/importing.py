@@ -276,10 +276,12 @@ def _next(imported: Imported, out: Path) -> None:
 
     place, groups = shlex.quote(shown_path(out)), [g for t in imported.tables for g in t.groups]
     click.echo(f"wrote {shown_path(out / DEFINITION)} and {count(len(groups), 'group')}")
-    if len(groups) == 1 and len({*groups[0].frequency_hz}) > 1 and len({*groups[0].amplitude_v}) > 1:
+    if varied := [g.id for g in groups if len({*g.frequency_hz}) > 1 and len({*g.amplitude_v}) > 1]:
+        which = "one group" if len(groups) == 1 else f"group {varied[0]}"
         click.echo(
-            "one group, in which frequency and amplitude vary: if these are several sweeps, give each its own file, or"
-            " a label in a column that --column LABEL=group names; a fit to one group is judged by the others"
+            f"{which}, in which frequency and amplitude vary: if these are several sweeps, or of several sessions, give"
+            " each its own file, or a label in a column that --column LABEL=group names; a fit to one group is judged"
+            " by the others"
         )
     then = f"psafit check {place}"
     if imported.missing:

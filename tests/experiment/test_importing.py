@@ -195,7 +195,7 @@ def test_what_is_unclear_is_asked_for(content: Any, said: str, line: int | None,
 def test_volts_are_not_counted_against_every_heading(tmp_path: Path) -> None:
     error = refused(tmp_path, HEAD + "1200;40;3\n", replace(SINE, volts="rms"))
     assert error.what == "--volts rms is given, and column 'Amplitude (Vp)' says zero to peak"
-    assert error.remedy == "leave out --volts, or correct that" and error.line == 1
+    assert error.remedy == "leave out --volts, or correct the heading" and error.line == 1
     wide = "Frequency (Hz);Range (um) at 20 {0};Range (um) at 10 {0}\n1200;40;3\n"
     assert imported(tmp_path, wide.format("V"), replace(SINE, volts="rms"))[0][1] == pytest.approx(20 * 2**0.5)
     assert "says peak to peak" in refused(tmp_path, wide.format("Vpp"), replace(SINE, volts="rms")).what

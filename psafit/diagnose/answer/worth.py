@@ -91,7 +91,7 @@ class CheckFirst(Statement):
     def say(self, words: Words) -> str:
         return words.put(
             "Check first what psafit takes as given: the waveform, how volts are counted, bias and idle voltage, units,"
-            " and the rig's constants."
+            " that each group is one session, and the rig's constants."
         )
 
 
