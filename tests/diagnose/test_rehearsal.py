@@ -48,8 +48,8 @@ def test_rehearsal_finds_the_truth_whichever_it_is(hidden):
 @pytest.mark.slow
 def test_the_same_experiment_again_shows_what_it_can_separate(hidden):
     """A lag and friction, each as fitted to readings that a lag has made; and a model against its own double."""
-    models = [(c, importance_sample(c, seed=2)) for c in (hidden.best_model, hidden.of(("flight_friction",)))]
-    found = repeat(models, [0.0, 0.0], seed=2)
+    models = [(c, importance_sample(c, seed=1)) for c in (hidden.best_model, hidden.of(("flight_friction",)))]
+    found = repeat(models, [0.0, 0.0], seed=1)
     assert found.before == pytest.approx([0.5] * 6)
     # Friction that stands for a lag came with a wide scatter, in which a lag may do as well: two of three at most.
     assert min(found.after[:3]) > 0.9 and found.first >= 4
