@@ -36,7 +36,7 @@ from psafit.challenge.conditions import ConditionSettings, drawn, nameless, summ
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, fingerprint, session_name, write_experiment
 from psafit.inference import noise
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Motion
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Motion, Observable
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
@@ -434,33 +434,31 @@ def _of_launches(rigs: _Rigs, chosen: NDArray[np.intp], jobs: int, chunk: int) -
     forces = any(OBSERVABLES[k].force for k in np.unique(measured))
     parts = np.array_split(chosen[first], max(len(first) // chunk, 1))
     rows = _shared(rigs.launched, [(p, forces) for p in parts], jobs)
-    launches = _Launches(*np.concatenate(rows)[back].T)
-    read = np.empty(len(chosen))
-    for k in np.unique(measured):
-        o, here = OBSERVABLES[k], measured == k
-        seen = o.of(launches)[here].tolist()
-        if o is not LAUNCH_RANGE:  # which is integrated as it is read
-            rows = chosen[here].tolist()
-            seen = [x if o.blank and x == 0.0 else rigs.read(i, o.name, x) for i, x in zip(rows, seen, strict=True)]
-        read[here] = np.array(seen) * o.scale
-    return read
+    return _as_read(rigs, chosen, _Launches(*np.concatenate(rows)[back].T))
 
 
 def _along_traces(rigs: _Rigs, chosen: NDArray[np.intp], jobs: int) -> FloatArray:
     """Samples of traces; those of one launch take one simulation."""
-    measured, time = rigs.design.measured[chosen], rigs.design.time[chosen]
+    time = rigs.design.time[chosen]
     first, back = rigs.launches(chosen)
     times = [np.unique(time[back == k]) for k in range(first.size)]
     followed = _shared(rigs.followed, list(zip(chosen[first], times, strict=True)), jobs)
     seen = np.empty((len(chosen), 3))
     for k, (own, motion) in enumerate(zip(times, followed, strict=True)):
         seen[back == k] = motion[np.searchsorted(own, time[back == k])]
-    ball, speed, tip = seen.T
-    read = np.empty(len(chosen))
-    for kind in np.unique(measured):
-        read[measured == kind] = (
-            OBSERVABLES[kind].of(Motion(ball, speed, tip))[measured == kind] * OBSERVABLES[kind].scale
-        )
+    return _as_read(rigs, chosen, Motion(*seen.T))
+
+
+def _as_read(rigs: _Rigs, chosen: NDArray[np.intp], simulated: _Launches | Motion) -> FloatArray:
+    """What is read of a simulation of some points, each in the unit of its observable."""
+    measured, read = rigs.design.measured[chosen], np.empty(len(chosen))
+    for k in np.unique(measured):
+        o, here = OBSERVABLES[k], measured == k
+        values = o.of(simulated)[here]
+        if rigs.change(o):
+            both = zip(chosen[here].tolist(), values.tolist(), strict=True)
+            values = np.array([x if o.blank and x == 0.0 else rigs.read(i, o.name, x) for i, x in both])
+        read[here] = values * o.scale
     return read
 
 
@@ -519,6 +517,11 @@ class _Rigs:
             self.edit(rig, point)
         return rig, point
 
+    def change(self, observable: Observable) -> bool:
+        """Whether its readings may differ from its values; launch ranges are integrated as they are read."""
+        reads = self.edit is not None or any(observable.name in t.reads for t in self.terms)
+        return reads and observable is not LAUNCH_RANGE
+
     def read(self, i: int, observable: str, value: float) -> float:
         """What is read of the value of an observable, SI units, at a point."""
         rig, point = self.at(i)
@@ -537,11 +540,7 @@ class _Rigs:
     def followed(self, i: int, times: FloatArray) -> FloatArray:
         """Ball, its speed and the tip at some times of a launch, (n_times, 3)."""
         rig, point = self.at(int(i))
-        seen, group = motion_in(rig, point, times.tolist(), rtol=self.rtol), int(self.design.group[i])
-        names = ("displacement", "velocity", "tip_displacement")
-        return np.array(
-            [[rig.read(name, x, group) for name, x in zip(names, row, strict=True)] for row in seen.tolist()]
-        )
+        return motion_in(rig, point, times.tolist(), rtol=self.rtol)
 
 
 def _outside(

@@ -100,7 +100,7 @@ def _declaration(entry: CauseEntry) -> str:
     lines.append(
         _wrapped("at work", f"probability {entry.probability:g} before any reading; {entry.because or 'a surprise'}")
     )
-    lines += [_wrapped("look at", entry.look)] if entry.look else []
+    lines += [_wrapped("check", entry.look)] if entry.look else []
     lines.append(_wrapped("reference", entry.reference))
     lines += [_wrapped("by hand" if i == 0 else "", check) for i, check in enumerate(entry.checks)]
     lines.append(_wrapped("simulated", f"by the {entry.path}"))

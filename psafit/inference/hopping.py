@@ -53,10 +53,9 @@ def hopped(
         No start counts for the modes that hops led to; the sets that they simulated count.
     """
     problem, rng = found.problem, np.random.default_rng([seed, 9])
-    n_sets, n_hops = 0, 0
+    tops, others, n_sets = found.modes[:n_modes], found.modes[n_modes:], 0
     higher: list[FloatArray] = []
-    tops, others = found.modes[:n_modes], found.modes[n_modes:]
-    while len(tops) and n_hops < most:
+    for _ in range(most):
         here = [candidate_at(problem, top[None]) for top in tops]
         draws = np.array([np.clip(laplace_mixture(top).draw(n_draws, rng), *problem.bounds.T) for top in here])
         value = problem.log_posterior(draws.reshape(-1, problem.n_dim)).reshape(len(here), -1)
@@ -65,12 +64,12 @@ def hopped(
         end = maximise(problem, begun, schedule=schedule, still_below=FitSettings.enough)
         n_sets += n_draws * len(tops) + end.effort.n_sets
         risen = end.log_posterior > np.array([top.log_posterior for top in here]) + better
-        tops, n_hops = end.u[risen], n_hops + 1
-        higher.append(tops)
-        if risen.any() and len(others):
-            tops, others = np.vstack([tops, others]), others[:0]
+        if not risen.any():
+            break
+        higher.append(end.u[risen])
+        tops, others = np.vstack([end.u[risen], others]), others[:0]
     effort = found.effort + Effort(n_sets=n_sets)
-    if not sum(map(len, higher)):
+    if not higher:
         return replace(found, effort=effort)
     modes = np.vstack([found.modes, *higher])
     return candidate_at(problem, modes, np.pad(found.starts, (0, len(modes) - len(found.modes))), effort)

@@ -369,9 +369,11 @@ def _changed(
 ) -> FloatArray:
     """Values of an observable, SI units, as causes that change its readings leave them."""
     for term, columns_ in zip(terms, own, strict=True):
-        if observable.name in term.reads and term.reading:
+        if observable.name not in term.reads:
+            continue
+        if term.reading:
             values = term.reading(values, sets[:, columns_], group)
-        if observable.name in term.reads and term.condition:
+        if term.condition:
             values = values * term.condition(frequency, amplitude, sets[:, columns_])
     return values
 

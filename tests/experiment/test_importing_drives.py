@@ -213,6 +213,8 @@ def test_one_period_in_psafits_own_form_is_the_drive(tmp_path: Path) -> None:
     table = read(tmp_path, "Phase, Level\n0,0\n0.25,0.5\n1,0\n", start_us=None).drive.table
     assert table is not None and not table.recorded
     assert (table.at.tolist(), table.value.tolist()) == ([0.0, 0.25, 1.0], [0.0, 0.5, 0.0])
+    both = [tmp_path / name for name in ("sweep.csv", "scope.csv")]
+    assert len(read_files(both, Options(drive_file=both[1]))) == 1, "it is no table, though it is among them"
     for text, said, message in (
         ("phase;level\n0;0\n0,25;0,5\n1;0\n", {}, "separate the cells by commas, decimals by points: phase,level"),
         ("phase,level\n0,0\n0.25,x\n1,0\n", {}, "scope.csv:3: level 'x' is not a number"),

@@ -10,7 +10,7 @@ from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.show import Offset
 from psafit.diagnose.significance import Significance
 from psafit.experiment import GroupId, Swept
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+from psafit.observables import named
 from psafit.records import ABSENT
 
 
@@ -93,7 +93,7 @@ class Reading(Condition):
     @property
     def unit(self) -> str:
         """Unit of the reading."""
-        return next((o.unit for o in OBSERVABLES if o.name == self.observable), LAUNCH_RANGE.unit)
+        return named(self.observable).unit
 
 
 @dataclass(frozen=True)

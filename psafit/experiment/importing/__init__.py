@@ -88,10 +88,10 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
     """
     faults = Faults()
     period = _own_period(options.drive_file, options) if options.drive_file else None
+    if options.drive_file and period:  # no table, though it stands among them
+        files = [file for file in files if file.resolve() != options.drive_file.resolve()] or files
     found: list[list[tuple[Grid, Head]]] = []
     for file in files:
-        if period and options.drive_file and file.resolve() == options.drive_file.resolve() and len(files) > 1:
-            continue
         with faults.kept():
             found += _tables(file, options)
     faults.end()
