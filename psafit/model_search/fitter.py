@@ -14,8 +14,9 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.errors import PsafitError
-from psafit.inference.candidate import Candidate, FitSettings, candidate_at, fit, raced, subsampled
+from psafit.inference.candidate import Candidate, FitSettings, candidate_at, candidate_of, fit, raced, subsampled
 from psafit.inference.evidence import ImportanceSample
+from psafit.inference.hopping import hopped
 from psafit.inference.memory import Arrays, Memory
 from psafit.inference.problem import Problem
 from psafit.inference.sample import SampleSettings, first, joined, second
@@ -82,9 +83,13 @@ class ProblemFitter:
         return [_estimated(candidate_at(t.problem, a["u"])) for t, a in zip(tasks, found, strict=True)]
 
     def again(self, known: Sequence[Known], origin: Known) -> list[Known]:
-        """Optimise models from where a neighbour has its optimum; only those that rise come back."""
-        own = [model.content.candidate for model in known]
-        tasks = [self._optimise(c.problem, (c, origin.content.candidate)) for c in own]
+        """Optimise models from where a neighbour has its optimum; only those that rise come back.
+
+        Where a mode of the neighbour was found by a hop alone, theirs may lie behind a hop, too.
+        """
+        own, there = [model.content.candidate for model in known], origin.content.candidate
+        hops = origin.sampled and not there.starts.all()
+        tasks = [self._optimise(c.problem, (c, there), hops=hops) for c in own]
         risen = []
         for model, end in zip(known, self._done(tasks, "fits from a neighbour's optimum"), strict=True):
             before = model.content.candidate
@@ -111,9 +116,9 @@ class ProblemFitter:
         other, one = (_candidate(problem, a) for a in self._done(looks[::-1], _looking(model), self._ahead(ahead)))
         drawing = f"samples of {set_name(model.ids)}"
         (kept,) = self._done([self._joined(model, one, other)], drawing, self._ahead(ahead))
-        modes = kept["modes"]
-        values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name != "modes"}
-        draws, found = ImportanceSample(**values), candidate_at(problem, modes)
+        known = ("modes", "starts")
+        values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name not in known}
+        draws, found = ImportanceSample(**values), candidate_at(problem, kept["modes"], kept["starts"].astype(np.intp))
         top = max(model.content.top, short.log_posterior, found.log_posterior)
         off = found.laplace_of_one - draws.log_evidence
         return Model(short.ids, draws.log_evidence, found.log_posterior, True, Fitted(found, draws, top), off, True)
@@ -168,11 +173,12 @@ class ProblemFitter:
         terms = tuple(t for t in self.catalogue if t.id in ids)
         return replace(self.problem, terms=terms, tolerance=self.settings.short_tolerance)
 
-    def _optimise(self, problem: Problem, *pairs: tuple[Candidate, Candidate]) -> Task:
+    def _optimise(self, problem: Problem, *pairs: tuple[Candidate, Candidate], hops: bool = False) -> Task:
         """Optimise as long as a short fit does from the optima of both of two models, the second's first of all."""
         s, begun = self.settings, [[c.modes[0].tolist() for c in pair] for pair in pairs]
-        about = [s.carried_trial, s.carried_climbs, [[c.ids for c in pair] for pair in pairs], begun]
-        return self._task("optimised", problem, about, _optimised, pairs, s)
+        hopping = [self.seed, s.better] if hops else []
+        about = [s.carried_trial, s.carried_climbs, [[c.ids for c in pair] for pair in pairs], begun, *hopping]
+        return self._task("optimised", problem, about, _optimised, pairs, s, self.seed if hops else None)
 
     def _looks(self, model: Known) -> list[Task]:
         """The first two looks for the modes of a model that is to be sampled."""
@@ -316,8 +322,16 @@ def _short(
     return _arrays(fit(problem, parts, seed=seed, extra=extra, settings=FitSettings(full=s.short_climbs), **how))
 
 
-def _optimised(problem: Problem, pairs: Sequence[tuple[Candidate, Candidate]], settings: SearchSettings) -> Arrays:
-    """Where optimisations end; a strength that only the first of a pair knows is scanned with the second, too."""
+def _optimised(
+    problem: Problem,
+    pairs: Sequence[tuple[Candidate, Candidate]],
+    settings: SearchSettings,
+    seed: int | None,
+) -> Arrays:
+    """Where optimisations end, and hops if there is a seed.
+
+    A strength that only the first of a pair knows is scanned with the second, too.
+    """
     how = FitSettings(trial=settings.carried_trial, full=settings.carried_climbs)
     trial, known = subsampled(problem, how), []
     for pair in pairs:
@@ -329,7 +343,10 @@ def _optimised(problem: Problem, pairs: Sequence[tuple[Candidate, Candidate]], s
         known.append(widened(trial, start, new))
     starts = np.vstack(known)
     end, _ = raced(problem, trial, starts, [(starts, how.trial)], how)
-    return {"u": end.u, "height": end.log_posterior}
+    if seed is None or not np.isfinite(end.log_posterior).any():
+        return {"u": end.u, "height": end.log_posterior}
+    found = hopped(candidate_of(problem, end), seed=seed, better=settings.better)
+    return {"u": found.modes, "height": found.log_posteriors}
 
 
 def _look(problem: Problem, which: str, short: Candidate, settings: SearchSettings, seed: int) -> Arrays:
@@ -340,7 +357,8 @@ def _look(problem: Problem, which: str, short: Candidate, settings: SearchSettin
 def _joined(problem: Problem, one: Candidate, other: Candidate, settings: SearchSettings, seed: int) -> Arrays:
     """Draw from the posterior of a model that was looked at."""
     found, draws = joined(one, other, seed=seed, settings=settings)
-    return {"modes": found.modes, **{name: np.asarray(value, float) for name, value in vars(draws).items()}}
+    drawn = {name: np.asarray(value, float) for name, value in vars(draws).items()}
+    return {"modes": found.modes, "starts": found.starts, **drawn}
 
 
 def _highest_first(known: Mapping[Ids, Known]) -> list[Candidate]:
