@@ -28,7 +28,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -48,6 +47,7 @@ from psafit.inference.problem import Problem
 from psafit.inference.sample import SampleSettings, first, second
 from psafit.simulate import Design, simulate
 from psafit.simulate.stepper import TOLERANCE
+from psafit.simulate.threads import n_threads, set_n_threads
 
 RIG = cases.RIG
 FREQUENCY = np.geomspace(100, 25_000, 64)
@@ -138,7 +138,7 @@ def row(what: str, value: float, target: str, holds: bool | None) -> dict[str, o
 
 
 def simulator(rows: list[dict[str, object]]) -> None:
-    numba.set_num_threads(1)
+    set_n_threads(1)
     sets = parameter_sets(32)
     speeds = simulate(DESIGN, sets).separation_speed
     ours = best(lambda: simulate(DESIGN, sets)) / speeds.size
@@ -193,15 +193,15 @@ LANES = 16
 @contextlib.contextmanager
 def one_core() -> Iterator[None]:
     """Keep this thread, the threads it starts, and numba on one core, the one it runs on best."""
-    threads, cores = numba.get_num_threads(), None
+    threads, cores = n_threads(), None
     if hasattr(os, "sched_getaffinity"):
         cores = os.sched_getaffinity(0)
         os.sched_setaffinity(0, {max(cores)})
-    numba.set_num_threads(1)
+    set_n_threads(1)
     try:
         yield
     finally:
-        numba.set_num_threads(threads)
+        set_n_threads(threads)
         if cores is not None:
             os.sched_setaffinity(0, cores)
 
@@ -384,7 +384,7 @@ def threads(rows: list[dict[str, object]]) -> None:
 
     def on(n: int) -> Callable[[], object]:
         def work() -> None:
-            numba.set_num_threads(n)
+            set_n_threads(n)
             case.run(TOLERANCE)
 
         return work
@@ -434,7 +434,7 @@ def both(problem: Problem, seed: int, starts: int) -> Candidate:
 
 
 def search(rows: list[dict[str, object]]) -> None:
-    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    set_n_threads(int(os.environ["NUMBA_NUM_THREADS"]))
     for name in SEARCHES:
         of: Problem = cases.problem(name, groups=(1,))
         of.log_posterior(cases.draws(of, 8, 1))

@@ -5,7 +5,6 @@ For a notebook: ``rig = psafit.open("experiments/psa")``, then ``rig.fit([1])`` 
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -14,11 +13,6 @@ if TYPE_CHECKING:
     from psafit.api import Diagnosed, Fitted, Rig
 
 __version__ = "0.2.0.dev0"
-
-# A simulation's threads share batches of a millisecond. Those that wait for the next spin meanwhile, by default for
-# longer than that, and keep a busy machine from everybody's work, ours first. Read when numba's threads are made.
-if "OMP_WAIT_POLICY" not in os.environ:
-    os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 
 def open(folder: str | Path) -> Rig:

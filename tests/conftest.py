@@ -17,18 +17,18 @@ if side_by_side := int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0")):
     share = max(1, (os.cpu_count() or 1) // side_by_side)
     os.environ.setdefault("LOKY_MAX_CPU_COUNT", str(share))
 
-import numba
 import numpy as np
 import pytest
 from rigs import measure
 
 from psafit.experiment import Experiment, write_experiment
+from psafit.simulate.threads import n_threads, set_n_threads
 
 if TYPE_CHECKING:
     from psafit.reproduce import Reproduction
 
 if side_by_side:
-    numba.set_num_threads(min(share, numba.get_num_threads()))
+    set_n_threads(min(share, n_threads()))
 
 pytest.register_assert_rewrite("campaigns", "folders")  # they assert, though they hold no tests
 
@@ -46,10 +46,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture
 def all_threads() -> Iterator[None]:
     """For a test of threads: as many as there are cores, though other tests run next to it."""
-    used = numba.get_num_threads()
-    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    used = n_threads()
+    set_n_threads(os.cpu_count() or 1)
     yield
-    numba.set_num_threads(used)
+    set_n_threads(used)
 
 
 @pytest.fixture

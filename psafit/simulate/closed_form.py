@@ -65,8 +65,9 @@ from psafit.simulate.command import (
     first_row,
     phase_of,
 )
-from psafit.simulate.compiled import WIDTH, compiled, load, prange, size, splat, store, total
+from psafit.simulate.compiled import WIDTH, compiled, load, size, splat, store, total
 from psafit.simulate.design import Design
+from psafit.simulate.threads import n_threads, share
 
 # A command that begins this close to its idle voltage, relative to its size, begins there.
 _ROUNDING = 2 * np.finfo(float).eps
@@ -807,13 +808,14 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
         now, k = end, k + 1
 
 
+@compiled
 def _launch(  # type: ignore[no-untyped-def]
-    contact, tip, spring, damper, lift, lean, phase, scale, idle, horizon, placed, forced, rows, points, moments, when,
-    speed, where, status, peak, seen,
+    begin, stop, contact, tip, spring, damper, lift, lean, phase, scale, idle, horizon, placed, forced, rows, points,
+    moments, when, speed, where, status, peak, seen,
 ):  # fmt: skip
-    n_sets, n_points = when.shape
+    n_points = when.shape[1]
     first = tip.pole.shape[1] == 0  # a tip that draws back is but noted
-    for i in prange(n_sets):
+    for i in range(begin, stop):
         width = max(contact.pole.shape[1], tip.pole.shape[1]) + 1
         lines = np.empty((7, width), np.complex128)
         held = np.empty((12, WIDTH))
@@ -852,10 +854,6 @@ def _launch(  # type: ignore[no-untyped-def]
             where[i, j] = spring[i] * twice + damper[i] * once
             status[i, j] = LAUNCHED if speed[i, j] > 0.0 else DRAWN_BACK
             peak[i, j] = top
-
-
-_launch_serial = compiled(_launch)
-_launch_parallel = compiled(_launch, parallel=True)
 
 
 def contact_horizon(k_c: FloatArray, ball: FloatArray) -> FloatArray:
@@ -905,7 +903,7 @@ def separation(
     every = tuple(np.empty(shape, kind) for kind in (float, float, float, np.int8, float))
     when = every[0]
     moments = np.empty((design.n_points, 0)) if seen is None else design.moments
-    launch = _launch_parallel if n_sets > 1 and when.size > threads_from else _launch_serial
+    threads = n_threads() if when.size > threads_from else 1
     lags = rig.lag > 0.0
     for kind in np.unique(lags):
         chosen = np.flatnonzero(lags == kind)
@@ -922,9 +920,9 @@ def separation(
                 moments, *found, here,
             )  # fmt: skip
             none = np.empty((len(part), 0), complex)
-            launch(batch, Modes(none, none, batch.lead, none), *rest)
+            share(_launch, len(part), (batch, Modes(none, none, batch.lead, none), *rest), threads=threads)
             if parted and (found[3] == DRAWN_BACK).any():
-                launch(batch, tip_modes(one), *rest)
+                share(_launch, len(part), (batch, tip_modes(one), *rest), threads=threads)
             if forced:
                 found[-1][:] = found[-1] * one.M[:, None] + press[:, None]
             for target, values in zip(every, found, strict=True):

@@ -6,16 +6,15 @@ import hashlib
 import operator
 from collections.abc import Callable
 from pathlib import Path
-from types import FunctionType
 from typing import Any
 
-from numba import extending, njit, prange, types
+from numba import extending, njit, types
 from numba.core import cgutils
 from numba.core.typing.templates import ConcreteTemplate, infer_global
 from numba.extending import lower_builtin, models, register_model
 
 __all__ = [
-    "LANES", "WIDTH", "compiled", "fma", "last", "least", "load", "prange", "size", "solve", "splat", "store", "times",
+    "LANES", "WIDTH", "compiled", "fma", "last", "least", "load", "size", "solve", "splat", "store", "times",
     "total",
 ]  # fmt: skip
 
@@ -31,10 +30,8 @@ def _stamp() -> bytes:
 _STAMP = _stamp()
 
 
-def compiled(
-    function: Callable[..., Any] | None = None, *, parallel: bool = False, borrows: bool = False, inside: bool = False
-) -> Any:
-    """Compile with numba, IEEE division, and a cache on disk.
+def compiled(function: Callable[..., Any] | None = None, *, borrows: bool = False, inside: bool = False) -> Any:
+    """Compile with numba, IEEE division, without the interpreter's lock, and with a cache on disk.
 
     Numba renews a cached function when its own file changes, not when a function it calls does; here the stamp is
     that of the whole engine. Where no folder can be written to, the function is compiled in every process.
@@ -42,28 +39,21 @@ def compiled(
     Parameters
     ----------
     function : callable
-    parallel : bool
-        Run `prange` in threads.
     borrows : bool
         The function makes no array, so that no references to those it is given need be counted.
     inside : bool
         Make the function, which borrows, part of whatever calls it.
     """
     if function is None:
-        return lambda inner: compiled(inner, parallel=parallel, borrows=borrows, inside=inside)
+        return lambda inner: compiled(inner, borrows=borrows, inside=inside)
     options: dict[str, Any] = {
-        "parallel": parallel,
+        "nogil": True,
         "forceinline": inside,
         "_nrt": not (borrows or inside),
         "error_model": "numpy",
     }
     if inside:
         return njit(**options)(function)
-    if parallel:
-        # The cache's file bears the function's name: the threaded twin needs one of its own.
-        twin = FunctionType(function.__code__, function.__globals__, f"{function.__name__}_parallel")
-        twin.__qualname__, twin.__module__ = twin.__name__, function.__module__
-        function = twin
     try:
         dispatcher = njit(cache=True, **options)(function)
     except RuntimeError:  # no place for the cache

@@ -50,13 +50,6 @@ def check_numba(most_threads: int = 10_000) -> None:
     if config.DISABLE_JIT:  # by a program, or by the file .numba_config.yaml
         what = "Numba is set not to compile (its DISABLE_JIT): psafit runs compiled only"
         raise InputError(what, "remove that from the program or from .numba_config.yaml, and start again")
-    given = [name for name in os.environ if name.startswith("NUMBA_THREADING_LAYER")]
-    if given:
-        try:
-            numba.get_num_threads()  # starts them
-        except (ValueError, RuntimeError, ImportError) as error:
-            said = " ".join(str(error).split()).rstrip(".")
-            raise InputError(f"{' or '.join(given)}: {said}", "choose another, or do not set it") from error
 
 
 check_numba()  # when psafit.simulate is imported, before anything that needs Numba

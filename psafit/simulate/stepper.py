@@ -49,8 +49,9 @@ from psafit.simulate.collocation import (
     basis,
 )
 from psafit.simulate.command import COMMAND, FREQUENCY, IDLE, JUMPS, LENGTH, REACH, driven
-from psafit.simulate.compiled import compiled, last, least, load, prange, size, solve, splat, store, times, total
+from psafit.simulate.compiled import compiled, last, least, load, size, solve, splat, store, times, total
 from psafit.simulate.design import Design
+from psafit.simulate.threads import n_threads, share
 
 # Error admitted in one step, relative to the ball's speed: see docs/numerics.md for what it does to the launch range.
 TOLERANCE = 3e-6
@@ -1056,21 +1057,19 @@ def _one_set(  # type: ignore[no-untyped-def]
         when[j], speed[j], place[j], status[j], peak[j], steps[j] = t, v, x, outcome, top, total_steps
 
 
-def _all_sets(  # type: ignore[no-untyped-def]
-    rigs, theta, wanted, rows, points, calls, tolerance, how, forced, moments, tipped, when, speed, place, status, peak,
-    steps, seen,
+@compiled
+def all_sets(  # type: ignore[no-untyped-def]
+    begin, stop, rigs, theta, wanted, rows, points, calls, tolerance, how, forced, moments, tipped, when, speed, place,
+    status, peak, steps, seen,
 ):  # fmt: skip
+    """Follow the trajectories of some sets of a batch."""
     stride = 8 * theta.shape[1]
     first = theta.ctypes.data
-    for i in prange(len(theta)):
+    for i in range(begin, stop):
         _one_set(
             rigs[i], first + i * stride, wanted[i], rows, points, calls, tolerance, how, forced, moments, tipped,
             when[i], speed[i], place[i], status[i], peak[i], steps[i], seen[i],
         )  # fmt: skip
-
-
-serial = compiled(_all_sets)
-parallel = compiled(_all_sets, parallel=True)
 
 
 @dataclass(frozen=True)
@@ -1136,10 +1135,10 @@ def separation(
         raise ValueError(f"{len(calls.branch)} causes with a memory; at most {_MOST_BRANCHES}")
     moments = np.empty((design.n_points, 0)) if seen is None else design.moments
     watched = np.empty((*shape, 0, 3)) if seen is None else seen
-    run = parallel if len(theta) > 1 and found[0].size > threads_from else serial
-    run(
+    arguments = (
         rig.records(), np.ascontiguousarray(theta), np.ones(shape, bool) if wanted is None else wanted,
         *design.commands, calls.arrays(), tolerance, settings or StepSettings(), forced, moments,
         tipped, *found, watched,
     )  # fmt: skip
+    share(all_sets, len(theta), arguments, threads=n_threads() if found[0].size > threads_from else 1)
     return found  # type: ignore[return-value]

@@ -6,7 +6,6 @@ import itertools
 
 import numpy as np
 import pytest
-from numba import set_num_threads
 
 from psafit.drives import Drive
 from psafit.experiment import Constants
@@ -16,6 +15,7 @@ from psafit.simulate import Design, columns, path_of, simulate, stepper
 from psafit.simulate.contract import Draw
 from psafit.simulate.literal import literal_launch
 from psafit.simulate.reference import Point
+from psafit.simulate.threads import set_n_threads
 
 RIG = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
 PUBLISHED = [1.425e5, 13991.0, 68.0]
@@ -168,16 +168,16 @@ def test_neither_batch_nor_threads_change_a_bit() -> None:
     whole = simulate(sweeps(), theta, terms(ids)).launch_range
     single = np.concatenate([simulate(sweeps(), one, terms(ids)).launch_range for one in theta])
     assert (whole == single).all()
-    set_num_threads(1)
+    set_n_threads(1)
     assert (simulate(sweeps(), theta, terms(ids)).launch_range == whole).all()
 
 
 def test_choosing_causes_compiles_nothing() -> None:
     simulate(sweeps(), [*PUBLISHED, 1.5], terms(["hertz_exponent"]))
-    before = [len(f.signatures) for f in (stepper.serial, stepper.parallel)]
+    before = len(stepper.all_sets.signatures)
     simulate(sweeps(), [*PUBLISHED, 20.0, 1e-7], terms(["gap", "hunt_crossley"]))
     simulate(sweeps(), [*PUBLISHED, 0.01], terms(["field_dependent_d33"]))
-    assert [len(f.signatures) for f in (stepper.serial, stepper.parallel)] == before
+    assert len(stepper.all_sets.signatures) == before
 
 
 def test_neutral_sets_of_a_batch_take_the_closed_form() -> None:
