@@ -32,6 +32,7 @@ from psafit.diagnose.record.models import (
     ParameterResult,
     ScreeningResult,
     ScreeningWord,
+    SessionResult,
 )
 from psafit.diagnose.residuals import numbered
 from psafit.diagnose.robustness import Robustness
@@ -39,7 +40,7 @@ from psafit.diagnose.room import Room, room
 from psafit.diagnose.screening import PRESENT, Screened
 from psafit.diagnose.verdict import Verdict
 from psafit.diagnose.words import NO_ACTION
-from psafit.experiment import GroupId
+from psafit.experiment import GroupId, session_name
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
@@ -78,6 +79,24 @@ def _parameters(model_set: ModelSet, candidate: Candidate) -> dict[str, Paramete
     return parameters
 
 
+def sessions_of(model_set: ModelSet, candidate: Candidate) -> list[SessionResult]:
+    """What each session has, by causes that differ by session."""
+    problem, sampled, found = candidate.problem, model_set.samples.get(candidate.ids), []
+    rows = problem.to_physical(sampled.draws if sampled else candidate.modes[:1])
+    for term in candidate.terms:
+        if not (term.latent and term.of_session):
+            continue
+        unit, about = term.of_session.unit, term.latent.description
+        for group in problem.group_ids:
+            names = [*(p.name for p in term.parameters), session_name(term.latent.name, group)]
+            values = term.of_session.value(rows[:, [problem.names.index(name) for name in names]])
+            low, median, high = (
+                sampled.quantiles(values, (0.05, 0.5, 0.95)).tolist() if sampled else (None, values[0], None)
+            )
+            found.append(SessionResult(term.id, group, ParameterResult(median, low, high, unit, about, math.nan)))
+    return found
+
+
 def counted_of(model_set: ModelSet, adopted: Candidate) -> list[Counted]:
     """Larger sets for which the readings speak by too little to show, and what they would change of it."""
     own, found = _parameters(model_set, adopted), []
@@ -113,7 +132,8 @@ def cause_result(model_set: ModelSet, verdict: Verdict, candidate: Candidate) ->
         )  # fmt: skip
     ids = verdict.named if set(candidate.ids) == set(verdict.named) else candidate.ids
     strange = candidate.problem.implausible(np.array([p.median for p in parameters.values()]))
-    return CauseResult(list(ids), verdict.probability[candidate.ids], parameters, evidence, strange)
+    sessions = sessions_of(model_set, candidate) or None
+    return CauseResult(list(ids), verdict.probability[candidate.ids], parameters, evidence, strange, sessions)
 
 
 def _sensitivity(candidate: Candidate, found: ImportanceSample) -> dict[str, float]:

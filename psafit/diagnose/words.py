@@ -54,8 +54,12 @@ class Words:
 
     def size(self, name: str, unit: str, median: float, ends: tuple[float, float] | None) -> str:
         """Return a parameter's value with its interval."""
+        return f"{name} = {self.value(unit, median, ends)}"
+
+    def value(self, unit: str, median: float, ends: tuple[float, float] | None) -> str:
+        """Return a value with its interval."""
         interval = f" ({significant(ends[0])} to {significant(ends[1])})" if ends else ""
-        return f"{name} = {significant(median)}{interval}{'' if unit == '1' else f' {unit}'}"
+        return f"{significant(median)}{interval}{'' if unit == '1' else f' {unit}'}"
 
     # What follows is made of the above.
 

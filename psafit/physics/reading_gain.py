@@ -4,9 +4,10 @@ r"""Sessions that read with different gains.
 
 Each session hangs the ball and aims the laser anew: an angle :math:`\theta` between beam and motion reads
 :math:`\cos\theta`, an impact off the ball's centre sends part of it sideways, a decoder has a calibration. Assumed:
-one gain `g` for a whole session (a group of the experiment), whose spread `s` is to be found; a gain common to all is
-not this cause. One instrument reads the ball's motion in a session: ranges, speeds and traces of the ball have the same
-gain; contact times and forces have none.
+one gain for a whole session (a group of the experiment), whose spread `s` is to be found; a gain common to all is not
+this cause. Where a drive's amplitude differs by session, whole sessions lie above or below, too: a voltmeter at the
+stack distinguishes the two. One instrument reads the ball's motion in a session: ranges, speeds and traces of the ball
+have the same gain; contact times and forces have none.
 """
 
 from __future__ import annotations
@@ -19,12 +20,17 @@ from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
-from psafit.physics.term import Check, ReferenceRig, Symptom, Term
+from psafit.physics.term import Check, OfSession, ReferenceRig, Symptom, Term
 
 
 def reading(L: FloatArray, p: FloatArray, group: NDArray[np.int64]) -> FloatArray:
     """Multiply by the session's gain; `p` holds the spread, then one number for each session."""
     return L * np.exp(p[:, :1] * p[:, 1 + group])
+
+
+def gain(p: FloatArray) -> FloatArray:
+    """A session's gain; `p` is the spread and the session's number."""
+    return np.exp(p[:, 0] * p[:, 1])
 
 
 def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
@@ -83,6 +89,7 @@ TERM = Term(
     literal=literal,
     reading=reading,
     reads=("launch_range", "launch_speed", "displacement", "velocity"),
+    of_session=OfSession("1", gain),
     latent=Parameter(
         name="reading_gain_z",
         symbol="z",

@@ -20,12 +20,17 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
+from psafit.physics.term import Check, OfSession, ReferenceRig, Setup, Symptom, Term
+
+
+def length(p: FloatArray) -> FloatArray:
+    """A session's lean, m; `p` holds the middle, the spread and the session's number."""
+    return p[:, 0] * np.exp(p[:, 1] * p[:, 2])
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
-    """Lean further by the session's length; `p` holds the middle, the spread and the session's number."""
-    return rig.change(lean=np.minimum(rig.lean + p[:, 0] * np.exp(p[:, 1] * p[:, 2]), 0.5 * rig.l))
+    """Lean further by the session's length."""
+    return rig.change(lean=np.minimum(rig.lean + length(p), 0.5 * rig.l))
 
 
 def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
@@ -97,6 +102,7 @@ TERM = Term(
     look="the angle of the string at rest, on a photograph from the side, in each session",
     literal=literal,
     setup=setup,
+    of_session=OfSession("m", length),
     latent=Parameter(
         name="session_lean_z",
         symbol="z",

@@ -262,6 +262,22 @@ class Check:
 
 
 @dataclass(frozen=True)
+class OfSession:
+    """What a session has by a cause with a latent parameter, as people know it: a gain, a length.
+
+    Parameters
+    ----------
+    unit : str
+        "1" of a factor.
+    value : callable
+        ``value(p)``, (n_sets,), of the cause's parameters and the session's own value behind them.
+    """
+
+    unit: str
+    value: Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
 class Term:
     """A candidate cause.
 
@@ -316,6 +332,8 @@ class Term:
     latent : Parameter, optional
         One more parameter for every session, appended to `p` in the order of the sessions; to that of `setup`, the one
         of the session in question.
+    of_session : OfSession, optional
+        What each session has by it; a diagnosis reports that.
     limit : (str, tuple of float), optional
         Where a vanishing strength does not tend to the baseline: the cause it tends to, with that one's values. The
         description says why.
@@ -348,6 +366,7 @@ class Term:
     condition: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None
     reads: tuple[str, ...] = (LAUNCH_RANGE.name,)
     latent: Parameter | None = None
+    of_session: OfSession | None = None
     limit: tuple[str, tuple[float, ...]] | None = None
     drives: Drives = "every"
     plugin: str = ""

@@ -14,7 +14,7 @@ from psafit.diagnose.answer.findings import Furthest
 from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.record.models import NEAREST, NEXT_BEST, NOT_EXCLUDED, UNSEEN
-from psafit.diagnose.results import cause_result, counted_of, misfit_of, screening_of, word_for
+from psafit.diagnose.results import cause_result, counted_of, misfit_of, screening_of, sessions_of, word_for
 from psafit.diagnose.room import Room
 from psafit.diagnose.screening import screen
 from psafit.diagnose.words import NO_ACTION, PLAIN
@@ -79,6 +79,34 @@ def test_what_changes_ranges_alone_does_not_act_on_speeds(hidden, read, acts):
     assert (found["flight_friction"].verdict != NO_ACTION) == acts
     assert found["flight_friction"].room is None
     assert found["amplifier_lag"].verdict == UNSEEN
+
+
+@pytest.mark.parametrize(
+    ("ids", "strengths", "expected", "unit"),
+    [
+        (["reading_gain"], [0.4], [math.exp(0.4), math.exp(-0.4), 1.0], "1"),
+        (["gap", "session_lean"], [1e-6, 2e-3, math.log(2)], [4e-3, 1e-3, 2e-3], "m"),
+    ],
+)
+def test_what_each_session_has_is_reported(ids, strengths, expected, unit):
+    """By a cause that differs by session: its factor, its length; of draws the median and 90 %."""
+    one = replace(problem(experiment(n=4)), terms=tuple(terms(ids)))
+    row = one.to_physical(one.medians[None])[0]
+    row[3 : 3 + len(strengths)] = strengths
+    row[one.n_physical : one.n_model] = [1.0, -1.0, 0.0]
+    here = SimpleNamespace(problem=one, terms=one.terms, ids=one.ids, modes=one.to_sampling(row[None]))
+    found = sessions_of(SimpleNamespace(samples={}), here)
+    assert [(s.cause, s.group) for s in found] == [(ids[-1], g) for g in "abc"]
+    assert [s.value.median for s in found] == pytest.approx(expected)
+    assert all(s.value.unit == unit and s.value.interval is None for s in found)
+    draws = np.repeat(row[None], 101, axis=0)
+    draws[:, one.n_physical] = np.linspace(0.0, 1.0, 101)  # of the first session, in even steps
+    sampled = SimpleNamespace(draws=one.to_sampling(draws), quantiles=lambda values, q: np.quantile(values, q))
+    first, *others = sessions_of(SimpleNamespace(samples={one.ids: sampled}), here)
+    power = expected[0] / expected[2]
+    ends = [expected[2] * power**z for z in (0.05, 0.5, 0.95)]
+    assert [first.value.lower, first.value.median, first.value.upper] == pytest.approx(ends)
+    assert all(s.value.lower == pytest.approx(s.value.upper) for s in others)
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ from psafit.diagnose.answer.findings import (
     WORTH_SAYING,
     AtWork,
     BreaksLaw,
+    BySession,
     Furthest,
     Implausible,
     Judged,
@@ -143,6 +144,8 @@ def _values(d: Diagnosis) -> Iterator[Statement]:
     others = {name: p for name, p in _sized(tied).items() if name not in own}
     if own or others:
         yield Sizes(list(own.items()), list(others.items()), d.verdict)
+    if d.best_model and d.best_model.sessions:
+        yield BySession(d.best_model.sessions)
     named = [d.best_model] if d.best_model and d.named else []
     if odd := [(c.terms, c.implausible) for c in [*named, *tied] if c.implausible]:
         yield Implausible(odd)

@@ -9,7 +9,7 @@ from typing import Literal
 from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.misfit import ALPHA, Character, Statistic, described
 from psafit.diagnose.record.misfit import Condition, Reading
-from psafit.diagnose.record.models import Counted, ParameterResult
+from psafit.diagnose.record.models import Counted, ParameterResult, SessionResult
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
@@ -310,6 +310,22 @@ class Sizes(Statement):
             found.setdefault(owner(name) or "", []).append(sized(words, name, p))
         each = (words.put("{} {}", words.cause(id), words.listed(texts)) for id, texts in found.items())
         return words.joined("; ", each)
+
+
+@dataclass(frozen=True)
+class BySession(Statement):
+    """What each session has, by a cause that differs by session."""
+
+    topic = "wrong"
+    sessions: list[SessionResult]
+
+    def say(self, words: Words) -> str:
+        found: dict[str, list[str]] = {}
+        for s in self.sessions:
+            value = words.value(s.value.unit, s.value.median, s.value.interval)
+            found.setdefault(s.cause, []).append(words.put("{} in {}", value, words.groups([s.group])))
+        each = (words.put("{} {}", words.cause(id), words.listed(texts)) for id, texts in found.items())
+        return words.put("Session by session: {}.", words.joined("; ", each))
 
 
 @dataclass(frozen=True)

@@ -77,6 +77,22 @@ class Evidence:
     prior_odds: float | None = field(default=None, metadata=ABSENT)
 
 
+@dataclass(frozen=True)
+class SessionResult:
+    """What a session has by a cause: a gain, a lean.
+
+    Parameters
+    ----------
+    cause : str
+    group : int or str
+    value : ParameterResult
+    """
+
+    cause: str
+    group: GroupId
+    value: ParameterResult
+
+
 @dataclass(frozen=True, repr=False)
 class CauseResult(Brief):
     """One model of the model set.
@@ -93,6 +109,8 @@ class CauseResult(Brief):
     implausible : list of str
         Parameters whose median lies where less than one twentieth of the prior is as thin; never those whose prior is
         uniform.
+    sessions : list of SessionResult, optional
+        What each session has, by causes that differ by session.
     """
 
     _in_repr = ("terms", "probability")
@@ -102,6 +120,7 @@ class CauseResult(Brief):
     parameters: dict[str, ParameterResult]
     evidence: Evidence
     implausible: list[str]
+    sessions: list[SessionResult] | None = field(default=None, metadata=ABSENT)
 
     @property
     def sampled(self) -> bool:

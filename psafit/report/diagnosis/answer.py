@@ -84,12 +84,15 @@ class PageWords(Words):
         return percent(fraction)
 
     def size(self, name: str, unit: str, median: float, ends: tuple[float, float] | None) -> str:
+        return Markup("{} = {}").format(symbol(name), self.value(unit, median, ends))
+
+    def value(self, unit: str, median: float, ends: tuple[float, float] | None) -> str:
         unit, (median, *both) = prefixed(unit, median, *(ends or ()))
         spread = (both[1] - both[0]) / 2 if both else 0.0
         error_text = interval(both[0], both[1], spread) if spread > 0 else ""
         error_text = f"({error_text})" if error_text and not error_text.startswith("(") else error_text
-        value = with_unit(number(median, spread if spread > 0 else None), unit)
-        return Markup("{} = {} {}").format(symbol(name), value, error_text).strip()
+        middle = with_unit(number(median, spread if spread > 0 else None), unit)
+        return Markup("{} {}").format(middle, error_text).strip()
 
 
 PAGE = PageWords()
