@@ -37,9 +37,8 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check -qq --no-input
 STAMP  := $(VENV)/.installed
-# pip compiles on one core and every package's tests too, which is half of its time: we compile the rest on all cores.
+# pip would compile every module there is, which is half of its time; Python compiles what is used, once.
 INSTALL = $(PIP) install --no-compile --require-hashes -r
-COMPILE = $(BIN)/python -m compileall -qq -j 0 -x /tests/ $(VENV)/lib || :
 PSAFIT := $(BIN)/psafit
 PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 # A value as one shell word, whatever it holds: quoted, spaced, or empty.
@@ -156,7 +155,6 @@ $(STAMP)-base: requirements.lock pyproject.toml
 	@$(make_venv)
 	@echo 'Installing what psafit runs on into $(VENV): one to six minutes, by the network, once; 650 MB of disk'
 	@$(INSTALL) requirements.lock
-	@$(COMPILE)
 	@$(PIP) install --no-deps -e .
 	@printf '%s' "$$PWD" > $@
 
@@ -168,7 +166,6 @@ $(STAMP)-run: $(STAMP)-base
 $(STAMP)-tools: requirements-dev.lock $(STAMP)-base
 	@echo 'Installing what the tests need into $(VENV): half a minute to three, once; 300 MB of disk'
 	@$(INSTALL) requirements-dev.lock
-	@$(COMPILE)
 	@touch $@
 
 # Compiled while tools are fetched, where make runs both at once.
@@ -178,13 +175,11 @@ $(STAMP)-dev: $(STAMP)-run $(STAMP)-tools
 $(STAMP)-bench: requirements-bench.lock $(STAMP)-run
 	@echo 'Installing what the benchmarks compare with (jax, diffrax) into $(VENV): half a minute to three, once'
 	@$(INSTALL) requirements-bench.lock
-	@$(COMPILE)
 	@touch $@
 
 $(STAMP)-docs: requirements-docs.lock $(STAMP)-run
 	@echo 'Installing what the docs are made with into $(VENV): about 20 s, once; 150 MB of disk'
 	@$(INSTALL) requirements-docs.lock
-	@$(COMPILE)
 	@touch $@
 
 # A pyenv shim may be there and yet not run, and Debian's python3 may lack venv: a candidate has to prove itself.
