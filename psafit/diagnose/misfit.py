@@ -54,7 +54,7 @@ Character = Literal["none", "physics", "scatter", "group", "points", "sessions"]
 
 CHARACTERS: dict[Character, str] = {
     "none": "no particular character",
-    "physics": "it follows the conditions or the order of the readings, so the physics is wrong",
+    "physics": "it follows the conditions or the order of the readings, so it is systematic",
     "scatter": "the mean is right; the law of the scatter is not",
     "group": "it is all due to one group",
     "points": "it is all due to a few odd readings",
@@ -94,13 +94,13 @@ class Statistic:
 
 
 def described(character: Character, statistics: Sequence[Statistic]) -> str:
-    """The character of a misfit in words, and what the statistics say of the scatter where the physics is wrong."""
+    """The character of a misfit in words, and what the statistics say of the scatter where it is systematic."""
     text = CHARACTERS[character]
     if character not in ("physics", "group"):
         return text
     if any(s.significant and s.kind == "spread" for s in statistics):
         return f"{text}, and the law of the scatter is off, too"
-    return f"{text}, not the scatter" if character == "physics" else text
+    return f"{text}, not scatter" if character == "physics" else text
 
 
 @dataclass(frozen=True)

@@ -347,6 +347,7 @@ def _suspicious_recording(group: Group, v_max: float, shortest_us: float = 1.0, 
     if table is not None and not table.recorded and (level := float(np.abs(table.value).max())) > overshoot:
         found.append(
             f"levels in {group.drive.file} reach {level:g}, and a level is per volt of amplitude_v; are these volts?"
+            " Then divide them by the amplitude"
         )
     if table is None or not table.recorded:
         return found

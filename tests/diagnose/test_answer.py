@@ -84,7 +84,7 @@ def test_why_the_best_extension_is_no_explanation() -> None:
 def test_the_scatter_is_not_called_right_where_its_statistics_stand_out() -> None:
     d = record()
     mean, spread = d.misfit.baseline.statistics
-    for significant, said in ((False, "the physics is wrong, not the scatter."), (True, "scatter is off, too.")):
+    for significant, said in ((False, "so it is systematic, not scatter."), (True, "scatter is off, too.")):
         statistics = [mean, replace(spread, significant=significant)]
         baseline = replace(d.misfit.baseline, statistics=statistics)
         (kind_of,) = of(replace(d, misfit=replace(d.misfit, baseline=baseline)), Kind)

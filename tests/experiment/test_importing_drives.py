@@ -209,6 +209,17 @@ def test_a_recording_that_is_none_is_refused(text: str, said: dict[str, Any], me
     assert message in str(caught.value)
 
 
+def test_a_column_of_waveforms_next_to_a_drive_is_to_be_left_out(tmp_path: Path) -> None:
+    """Once it is ignored, the drive is that of all readings."""
+    (tmp_path / "scope.csv").write_text("phase,level\n0,0\n0.25,1\n1,0\n")
+    (tmp_path / "sweep.csv").write_text("Signal;f (Hz);Vp;Range (um)\nsine;1000;20;76\nsine;1500;20;70\n")
+    given = Options(drive_file=tmp_path / "scope.csv")
+    with pytest.raises(InputError, match="a column gives other waveforms; say --column HEADING=ignore of that column"):
+        read_files([tmp_path / "sweep.csv"], given)
+    (table,) = read_files([tmp_path / "sweep.csv"], replace(given, columns=(Mapping("Signal", "ignore"),)))
+    assert table.groups[0].drive.table is not None
+
+
 def test_one_period_in_psafits_own_form_is_the_drive(tmp_path: Path) -> None:
     table = read(tmp_path, "Phase, Level\n0,0\n0.25,0.5\n1,0\n", start_us=None).drive.table
     assert table is not None and not table.recorded

@@ -295,9 +295,8 @@ def test_levels_in_volts_are_named(top: float, asked: bool, tmp_path: Path) -> N
     toml = TOML.replace('waveform = "sine"', 'waveform = "table"\ndrive = "drive.csv"')
     (tmp_path / "drive.csv").write_text(f"phase,level\n0,0\n0.5,{top}\n1,0\n")
     warnings = read_experiment(write(tmp_path, toml)).warnings
-    assert [w.endswith("reach 20, and a level is per volt of amplitude_v; are these volts?") for w in warnings] == [
-        True
-    ] * asked
+    said = "reach 20, and a level is per volt of amplitude_v; are these volts? Then divide them by the amplitude"
+    assert [w.endswith(said) for w in warnings] == [True] * asked
 
 
 def test_a_step_by_a_bias_launches_at_no_amplitude() -> None:

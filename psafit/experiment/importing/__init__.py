@@ -176,7 +176,10 @@ def _check_used(tables: Sequence[Table], options: Options, driven: Sequence[Grid
     if options.step_us and not (counts or any(STEP in c.headings for table in tables for c in table.columns)):
         faults.add(InputError("--step is of samples without times, and no table has such", "leave it out"))
     if options.drive and not any(group.drive.table for group in groups):
-        faults.add(InputError("--drive is given, and no table has it", f"say --waveform {TABLE}, or leave it out"))
+        what, remedy = "no table has it", f"say --waveform {TABLE}"
+        if not options.waveforms:  # else it would be of all tables
+            what, remedy = "a column gives other waveforms", f"say {option('HEADING', IGNORED)} of that column"
+        faults.add(InputError(f"--drive is given, and {what}", f"{remedy}, or leave --drive out"))
     if options.period_us is not None and not driven:
         remedy = "leave it out: the file holds one period" if options.drive else "give it with --drive FILE"
         faults.add(InputError("--period is of a recorded drive, and there is none", remedy))

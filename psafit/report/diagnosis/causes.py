@@ -148,7 +148,7 @@ def _parameters(cause: CauseResult) -> dict[str, Any]:
             [
                 parameter(name, p.description),
                 with_unit(number(median, spread if spread > 0 else None), unit),
-                with_unit(interval(low, high, spread), unit) if high > low else "not sampled",
+                with_unit(interval(low, high, spread), unit) if high > low else "its optimum: not sampled",
                 _at_prior(share),
                 {"text": "implausible", "kind": "bad"}
                 if name in cause.implausible
