@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +13,7 @@ import numpy as np
 import pytest
 from folders import write
 
+import psafit
 from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, describe, fingerprint, read_experiment, read_plan, write_experiment
 from psafit.experiment.writer import table_text
@@ -222,3 +226,66 @@ def test_an_empty_column_says_what_a_plan_will_read(tmp_path: Path) -> None:
         read_plan(write(tmp_path / "c", a=text.replace("1000,20,,", "1000,20,5,")))
     launch = read_plan(write(tmp_path / "d", a="frequency_hz,amplitude_v\n1,1\n")).groups[0]
     assert launch.observables == (LAUNCH_RANGE,) and table_text(launch) == "frequency_hz,amplitude_v\n1,1\n"
+
+
+RISE = """
+from psafit.observables.observable import Observable, scatter
+from psafit.parameters import Bounds, LogNormal
+
+LAUNCH_RISE = Observable(
+    name="launch_rise", column="launch_rise_um", unit="um", scale=1e6, title="launch rise",
+    called=("rise", "steighöhe"), of=lambda launches: launches.separation_speed**2 / (2.0 * 9.81),
+    scatter=scatter("launch_rise", "um", LogNormal(0.05, 2.5), LogNormal(0.01, 3.0), Bounds(1e-4, 10.0), ("a", "b")),
+    offset=0.01, limits=(0.0, 1e9), still=0.0, usual=(1e-3, 1e6), mistaken=(("mm",), ("nm",)),
+)
+"""
+USE_RISE = r"""
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+import numpy as np
+import psafit.observables
+assert psafit.observables.__file__.startswith(sys.argv[1]), psafit.observables.__file__
+from psafit.experiment import Constants, read_experiment
+from psafit.experiment.importing import Options, read_files
+from psafit.inference.problem import Problem
+from psafit.physics import terms
+from psafit.simulate import Design, readings
+
+e = read_experiment(Path(sys.argv[1], "rig"))
+assert [psafit.observables.OBSERVABLES[k].name for k in e.groups[0].measured] == ["launch_rise"] * 3
+rise = readings(Design.of(e.constants, e.groups), [4e5, 9e3, 60.0])[0, :3]
+speeds = read_experiment(Path(sys.argv[1], "speeds"))
+speed = readings(Design.of(speeds.constants, speeds.groups), [4e5, 9e3, 60.0])[0, :3]
+assert np.allclose(rise, 1e6 * (speed / 1e3) ** 2 / (2 * 9.81)), (rise, speed)
+problem = Problem(e, e.ids)
+assert "sigma_rel_launch_rise" in problem.names and np.isfinite(problem.log_posterior(problem.medians[None])).all()
+file = Path(sys.argv[1], "sweep.csv")
+file.write_text("Frequency (Hz);Amplitude (V);Steigh\u00f6he (mm)\n800;20;0.003\n900;20;0.002\n", "utf-8")
+(table,) = read_files([file], Options(waveforms=("sine",), volts="peak"))
+assert table.groups[0].reading.tolist() == [3.0, 2.0], table.groups[0].reading
+
+from psafit.challenge.conditions import ConditionSettings, drawn
+
+also = ConditionSettings(reads=((("launch_rise",), 1.0),), other_reads=1.0, traced=0.0)
+for seed in range(3):
+    read = {psafit.observables.OBSERVABLES[k].name for g in drawn(seed, settings=also).groups for k in g.measured}
+    assert "launch_rise" in read, read
+"""
+
+
+def test_an_observable_is_one_file_and_one_line(tmp_path: Path) -> None:
+    """In a copy of the package: read, imported, simulated, fitted, drawn; behind traces, which no launch is."""
+    shutil.copytree(Path(psafit.__file__).parent, tmp_path / "psafit")
+    folder = tmp_path / "psafit" / "observables"
+    (folder / "launch_rise.py").write_text(RISE, "utf-8")
+    text = (folder / "__init__.py").read_text("utf-8")
+    imported = "from psafit.observables.launch_range import LAUNCH_RANGE\n"
+    text = text.replace(imported, f"{imported}from psafit.observables.launch_rise import LAUNCH_RISE\n")
+    text = text.replace(", TIP_DISPLACEMENT\n)", ", TIP_DISPLACEMENT, LAUNCH_RISE\n)")
+    (folder / "__init__.py").write_text(text, "utf-8")
+    for name, column in (("rig", "launch_rise_um"), ("speeds", "launch_speed_mm_s")):
+        (tmp_path / name).mkdir()
+        write(tmp_path / name, a=f"frequency_hz,amplitude_v,{column}\n800,20,3\n900,20,2.5\n1000,20,2\n")
+    run = subprocess.run([sys.executable, "-c", USE_RISE, str(tmp_path)], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr

@@ -236,7 +236,8 @@ def _reads(rng: np.random.Generator, s: ConditionSettings, ranges: bool, causes:
     for cause in causes:
         if cause.after_launch and cause.shown_in.isdisjoint(names):
             names = (*names, cause.reads[0])
-    return [k for k, o in enumerate(OF_LAUNCHES) if o.name in names or (ranges and o is LAUNCH_RANGE)]
+    wanted = [o for o in OF_LAUNCHES if o.name in names or (ranges and o is LAUNCH_RANGE)]
+    return [k for k, o in enumerate(OBSERVABLES) if o in wanted]
 
 
 def _traces(rng: np.random.Generator, sweeps: Sequence[Group], s: ConditionSettings) -> list[Group]:

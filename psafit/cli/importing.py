@@ -161,7 +161,8 @@ def _mapping(text: str) -> Mapping:
             f"--column {shown(text)} is not HEADING=COLUMN:UNIT", "write for example --column 'Freq=frequency_hz:kHz'"
         )
     if column not in COLUMN_NAMES:
-        raise InputError(f"--column {shown(text)}: {shown(column)} is no column", did_you_mean(column, COLUMN_NAMES))
+        near = did_you_mean(column, COLUMN_NAMES, columns=True)
+        raise InputError(f"--column {shown(text)}: {shown(column)} is no column", near)
     signal = column in COLUMNS and COLUMNS[column].role in (*SIGNALS, "recording", "time")
     said = parsed(unit) or (scaled(unit) if signal else None) if colon else None
     if colon and said is None:

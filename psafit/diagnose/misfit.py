@@ -119,6 +119,8 @@ class Place:
         Sum of the normal scores over the root of their number.
     p_value : float
         Share of simulated data sets with such a stretch anywhere.
+    measured : int
+        The observable that was read there, as `psafit.observables.OBSERVABLES` counts.
     """
 
     group: GroupId
@@ -128,6 +130,7 @@ class Place:
     log_bias: float
     score: float
     p_value: float
+    measured: int
 
 
 @dataclass(frozen=True)
@@ -411,7 +414,7 @@ def _places(
             places.append(
                 Place(
                     group_id, variable, float(values[a]), float(values[b - 1]), float(error[rows[a:b]].mean()), z,
-                    float((1 + np.sum(null >= abs(z))) / (1 + len(null))),
+                    float((1 + np.sum(null >= abs(z))) / (1 + len(null))), int(design.measured[rows[0]]),
                 )
             )  # fmt: skip
             left = [w for w in left if w[3] <= a or w[2] >= b]

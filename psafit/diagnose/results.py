@@ -222,26 +222,31 @@ def _tests(misfit: Misfit, candidate: Candidate, where: list[Where] | None = Non
     )
 
 
-def _where(misfit: Misfit) -> list[Where]:
+def _where(misfit: Misfit, problem: Problem) -> list[Where]:
     """Where readings are missed: those of several groups that stand out together, then stretches of sweeps."""
+    several = np.unique(problem.design.measured).size > 1
     unit = {"frequency": "Hz", "amplitude": "V", "time": "us"}
     found = []
 
-    def place(group: GroupId, p: Coincidence | Place, together: list[GroupId]) -> None:
+    def place(group: GroupId, p: Coincidence | Place, together: list[GroupId], measured: int) -> None:
+        observable = OBSERVABLES[measured]
         ends = dict.fromkeys((f"{p.lower:.6g}", f"{p.upper:.6g}"))
         side = "too large" if p.log_bias > 0 else "too small"
         elsewhere = f"the prediction is {side}, as there in group {', '.join(map(str, together))}," if together else ""
         what = elsewhere or f"predictions {side}"
-        text = f"group {group}, {' to '.join(ends)} {unit[p.variable]}: {what} by a factor of"
+        read = f", {observable.titles}" if several else ""
+        text = f"group {group}, {' to '.join(ends)} {unit[p.variable]}{read}: {what} by a factor of"
         text += f" {np.exp(abs(p.log_bias)):.2f} ({abs(p.score):.1f} standard deviations)"
-        found.append(Where(group, p.variable, p.lower, p.upper, text, p.log_bias, p.score, together))
+        shown = p.lower, p.upper, text, p.log_bias, p.score, together, recorded_name(observable)
+        found.append(Where(group, p.variable, *shown))
 
     for c in misfit.coincidences:
         groups = [group for group, _ in c.readings]
-        for group in groups:
-            place(group, c, [g for g in groups if g != group])
+        for group, number in c.readings:
+            measured = int(problem.experiment.group(group).measured[number])
+            place(group, c, [g for g in groups if g != group], measured)
     for p in misfit.places:
-        place(p.group, p, [])
+        place(p.group, p, [], p.measured)
     return found
 
 
@@ -283,9 +288,9 @@ def misfit_of(
     first = int(best_model.problem.design.measured.min())
     return MisfitResult(
         p_value=before.p_value,
-        where=_where(before),
+        where=_where(before, baseline.problem),
         baseline=_tests(before, baseline),
-        extended=None if after is None else _tests(after, best_model, _where(after)),
+        extended=None if after is None else _tests(after, best_model, _where(after, best_model.problem)),
         leftover=DiscrepancyResult(
             left.log_bayes, left.amplitude, left.level, left.reach, left.sigma_rel[first],
             [GroupDiscrepancy(g, _finite(m), _finite(x)) for g, m, x in left.largest(best_model)], left.mean.tolist(),

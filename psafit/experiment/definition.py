@@ -284,7 +284,8 @@ class Definition:
         if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
             raise self.error(f"{_READ} is no list of columns", f'write for example {_READ} = ["{known[0]}"]', *place)
         if strange := [name for name in names if name not in known]:
-            raise self.error(f"nothing is read as {shown(strange[0])}", did_you_mean(strange[0], known), *place)
+            near = did_you_mean(strange[0], known, columns=True)
+            raise self.error(f"nothing is read as {shown(strange[0])}", near, *place)
         return tuple(dict.fromkeys(names))
 
     def _limit(self, name: str, ends: object) -> tuple[float, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import difflib
 import io
 import math
 import re
@@ -17,8 +16,8 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.errors import Faults, InputError
 from psafit.experiment.records import CONDITION_COLUMNS, READING_COLUMNS, SIGMA_COLUMNS
-from psafit.experiment.text import listed, read_text, shown
-from psafit.observables import LAUNCH_RANGE, OF_LAUNCHES, Observable
+from psafit.experiment.text import listed, near_columns, read_text, shown
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, Observable
 
 # Hard limits of each column, far beyond any rig, within which nothing overflows; a wrong unit is only warned of.
 LIMITS = {
@@ -149,7 +148,7 @@ def readings_of(columns: dict[str, FloatArray]) -> dict[str, Any]:
         Without `reading` where no cell holds one: such a file is a plan, of what its empty columns are, launch ranges
         without any.
     """
-    cells = [(k, o) for k, o in enumerate(OF_LAUNCHES) if o.column in columns]
+    cells = [(k, o) for k, o in enumerate(OBSERVABLES) if o in OF_LAUNCHES and o.column in columns]
     if not cells:
         sigma = {"sigma": columns["sigma_um"]} if "sigma_um" in columns else {}
         return {name: columns[name] for name in CONDITION_COLUMNS} | sigma
@@ -377,7 +376,7 @@ def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]
     meant = set()
     strange = []
     for name in dict.fromkeys(n for n in names if n not in known):
-        if near := difflib.get_close_matches(name[:40], known, n=1):
+        if near := near_columns(name, known):
             unit = _UNITS[near[0]]
             meant.add(near[0])
             other = "" if re.fullmatch(r"\w+", name) else f" {_IMPORT}"

@@ -40,10 +40,26 @@ def near_names(wrong: str, known: Iterable[str], n: int = 2) -> list[str]:
     return same or difflib.get_close_matches(wrong[:40], names, n=n, cutoff=2 / 3)
 
 
-def did_you_mean(wrong: str, known: Iterable[str]) -> str:
-    """Remedy for a name that is none of those known: the nearest of them, or all."""
+def near_columns(wrong: str, known: Iterable[str]) -> list[str]:
+    """Return the column that a name may stand for, if there is one, as a list.
+
+    Each word of the name is one of the column's, nearly, or its unit with another prefix: any other word makes it
+    another quantity, or counts volts another way (`amplitude_vpp` is no `amplitude_v`).
+    """
+
+    def says(word: str, own: str) -> bool:
+        prefixed = len(own) <= 2 and len(word) <= 3 and word[-1] == own[-1]
+        return prefixed or difflib.SequenceMatcher(None, word, own).ratio() >= 0.8
+
+    said = re.findall(r"[^\W_]+", wrong[:40].casefold())
+    meant = [name for name in known if all(any(says(word, own) for own in name.split("_")) for word in said)]
+    return difflib.get_close_matches(wrong[:40], meant, n=1)
+
+
+def did_you_mean(wrong: str, known: Iterable[str], *, columns: bool = False) -> str:
+    """Remedy for a name, or a column's, that is none of those known: the nearest of them, or all."""
     names = list(known)
-    near = near_names(wrong, names)
+    near = near_columns(wrong, names) if columns else near_names(wrong, names)
     return f"did you mean {' or '.join(near)}?" if near else f"choose from {listed(names)}"
 
 

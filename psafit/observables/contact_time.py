@@ -20,6 +20,16 @@ CONTACT_TIME = Observable(
     unit="us",
     scale=1e6,
     title="contact time",
+    called=(
+        "contact time",
+        "time of contact",
+        "contact duration",
+        "t contact",
+        "contact t",
+        "kontaktzeit",
+        "kontaktdauer",
+        "t kontakt",
+    ),
     of=_of,
     scatter=scatter(
         "contact_time",

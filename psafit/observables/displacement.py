@@ -6,6 +6,12 @@ from psafit.arrays import FloatArray
 from psafit.observables.observable import Motion, Observable, along, scatter
 from psafit.parameters import Bounds, LogNormal
 
+PLACES = (
+    "displacement", "disp", "position", "vibrometer", "auslenkung", "verschiebung", "weg", "déplacement",
+    "deplacement", "x",
+)  # fmt: skip
+"""What a displacement is called, the tip's, too."""
+
 
 def _of(motion: Motion) -> FloatArray:
     return motion.ball
@@ -17,6 +23,7 @@ DISPLACEMENT = Observable(
     unit="um",
     scale=1e6,
     title="displacement",
+    called=PLACES,
     of=_of,
     scatter=along(
         scatter(

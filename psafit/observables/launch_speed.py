@@ -24,6 +24,18 @@ LAUNCH_SPEED = Observable(
     unit="mm/s",
     scale=1e3,
     title="launch speed",
+    called=(
+        "launch speed",
+        "launch velocity",
+        "speed",
+        "velocity",
+        "geschwindigkeit",
+        "startgeschwindigkeit",
+        "abwurfgeschwindigkeit",
+        "abfluggeschwindigkeit",
+        "vitesse",
+        "v",
+    ),
     of=_of,
     scatter=scatter(
         "launch_speed",

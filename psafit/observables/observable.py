@@ -62,6 +62,8 @@ class Observable:
         Number of that unit in one of the SI.
     title : str
         What it is called in sentences and figures.
+    called : tuple of str
+        What instruments and spreadsheets call it, in small letters; its title where nothing is said.
     of : callable
         ``of(launches)``, or ``of(motion)`` of a trace, is the reading without scatter, SI units; (n_sets, n_points).
     scatter : tuple of Parameter
@@ -104,6 +106,7 @@ class Observable:
     still: float
     usual: tuple[float, float]
     mistaken: tuple[tuple[str, ...], tuple[str, ...]]
+    called: tuple[str, ...] = ()
     blank: bool = False
     grows: bool = True
     force: bool = False

@@ -25,6 +25,7 @@ PEAK_FORCE = Observable(
     unit="N",
     scale=1.0,
     title="peak force",
+    called=("peak force", "contact force", "force", "kraft", "kontaktkraft"),
     of=_of,
     scatter=scatter(
         "peak_force",

@@ -17,6 +17,7 @@ VELOCITY = Observable(
     unit="mm/s",
     scale=1e3,
     title="velocity",
+    called=("velocity", "speed", "vibrometer", "geschwindigkeit", "schnelle", "vitesse", "v"),
     of=_of,
     scatter=along(
         scatter(

@@ -172,47 +172,88 @@ def poles(coefficients: FloatArray) -> ComplexArray:
 @compiled
 def _polish(coefficients, start):  # type: ignore[no-untyped-def]
     roots = np.empty((len(start), 4), np.complex128)
-    jacobian = np.zeros((4, 4))
+    z, size, row, system = np.empty(4, np.complex128), np.empty(4), np.empty(4), np.empty((4, 5))
     for i in range(len(start)):
         b = coefficients[i]
-        row = np.where(b > 0.0, b, 1.0)  # undamped: the odd coefficients vanish
-        z = _pair(start[i])
+        for k in range(4):
+            row[k] = b[k] if b[k] > 0.0 else 1.0  # undamped: the odd coefficients vanish
+        _pair(start[i], z)
         p1, q1 = -(z[0] + z[1]).real, (z[0] * z[1]).real
         p2, q2 = -(z[2] + z[3]).real, (z[2] * z[3]).real
         for _ in range(4):
+            size[0], size[1], size[2], size[3] = abs(p1) + math.sqrt(q1), q1, abs(p2) + math.sqrt(q2), q2
+            # The Jacobian, and the remainder behind it.
+            system[:] = 0.0
+            system[0, 0] = system[0, 2] = system[1, 1] = system[1, 3] = 1.0
+            system[1, 0], system[1, 2] = p2, p1
+            system[2, 0], system[2, 1], system[2, 2], system[2, 3] = q2, p2, q1, p1
+            system[3, 1], system[3, 3] = q2, q1
+            system[0, 4], system[1, 4] = p1 + p2 - b[0], q1 + q2 + p1 * p2 - b[1]
+            system[2, 4], system[3, 4] = p1 * q2 + p2 * q1 - b[2], q1 * q2 - b[3]
             # Columns and rows scaled to one: the factors may differ by ten orders of magnitude.
-            size = np.array([abs(p1) + math.sqrt(q1), q1, abs(p2) + math.sqrt(q2), q2])
-            rest = np.array([p1 + p2 - b[0], q1 + q2 + p1 * p2 - b[1], p1 * q2 + p2 * q1 - b[2], q1 * q2 - b[3]])
-            jacobian[0, 0] = jacobian[0, 2] = jacobian[1, 1] = jacobian[1, 3] = 1.0
-            jacobian[1, 0], jacobian[1, 2] = p2, p1
-            jacobian[2, 0], jacobian[2, 1], jacobian[2, 2], jacobian[2, 3] = q2, p2, q1, p1
-            jacobian[3, 1], jacobian[3, 3] = q2, q1
-            matrix = jacobian * size / row.reshape(4, 1)
-            if abs(np.linalg.det(matrix)) < 1e-14:
+            for j in range(4):
+                for k in range(4):
+                    system[j, k] *= size[k] / row[j]
+                system[j, 4] /= row[j]
+            if abs(_eliminate(system)) < 1e-14:
                 break  # the factors share a root: the companion values stand as they are
-            step = np.linalg.solve(matrix, rest / row) * size
-            p1, q1, p2, q2 = p1 - step[0], q1 - step[1], p2 - step[2], q2 - step[3]
-            if np.max(np.abs(step / size)) < 1e-9:
+            p1, q1 = p1 - size[0] * system[0, 4], q1 - size[1] * system[1, 4]
+            p2, q2 = p2 - size[2] * system[2, 4], q2 - size[3] * system[3, 4]
+            if max(abs(system[0, 4]), abs(system[1, 4]), abs(system[2, 4]), abs(system[3, 4])) < 1e-9:
                 break  # the next step would be its square
         roots[i, 0], roots[i, 1] = _quadratic(p1, q1)
         roots[i, 2], roots[i, 3] = _quadratic(p2, q2)
     return roots
 
 
-@compiled
-def _pair(z):  # type: ignore[no-untyped-def]
+@compiled(borrows=True)
+def _eliminate(system):  # type: ignore[no-untyped-def]
+    """Solve equations, the right hand side in the last column, in place there; the determinant."""
+    n, determinant = len(system), 1.0
+    for k in range(n):
+        top = k
+        for j in range(k + 1, n):
+            if abs(system[j, k]) > abs(system[top, k]):
+                top = j
+        if top != k:
+            determinant = -determinant
+            for m in range(k, n + 1):
+                system[k, m], system[top, m] = system[top, m], system[k, m]
+        determinant *= system[k, k]
+        for j in range(k + 1, n):
+            factor = system[j, k] / system[k, k]
+            for m in range(k + 1, n + 1):
+                system[j, m] -= factor * system[k, m]
+    for k in range(n - 1, -1, -1):
+        for m in range(k + 1, n):
+            system[k, n] -= system[k, m] * system[m, n]
+        system[k, n] /= system[k, k]
+    return determinant
+
+
+@compiled(borrows=True)
+def _pair(roots, z):  # type: ignore[no-untyped-def]
     """Order four roots so that the first two and the last two belong to real quadratics."""
-    is_real = z.imag == 0.0
-    upper = z[z.imag > 0.0]
-    if len(upper) == 2:
-        return np.array([upper[0], upper[0].conjugate(), upper[1], upper[1].conjugate()])
-    x = np.sort(z[is_real].real)
-    if len(upper) == 1:
-        return np.array([upper[0], upper[0].conjugate(), x[0] + 0j, x[1] + 0j])
-    # All real and negative, ascending: the two middle ones share a factor when they are the closest.
-    if x[1] / x[2] < min(x[0] / x[1], x[2] / x[3]):
-        return np.array([x[1] + 0j, x[2] + 0j, x[0] + 0j, x[3] + 0j])
-    return x + 0j
+    n = 0
+    for k in range(4):
+        if roots[k].imag > 0.0:
+            z[n], z[n + 1] = roots[k], roots[k].conjugate()
+            n += 2
+    first = n
+    for k in range(4):
+        if roots[k].imag == 0.0:
+            # The real ones, ascending.
+            at = n
+            while at > first and z[at - 1].real > roots[k].real:
+                z[at] = z[at - 1]
+                at -= 1
+            z[at] = roots[k]
+            n += 1
+    # All real and negative: the two middle ones share a factor when they are the closest.
+    if first == 0:
+        a, b, c, d = z[0], z[1], z[2], z[3]
+        if b.real / c.real < min(a.real / b.real, c.real / d.real):
+            z[0], z[1], z[2], z[3] = b, c, a, d
 
 
 @compiled
@@ -287,15 +328,9 @@ def _modes(rig: Setup, roots: ComplexArray, sign: float, zeros: int, how: PoleSe
     if rig.lag[0] > 0.0:
         roots = np.concatenate([roots, -1.0 / rig.lag[:, None]], axis=1)
         lead = lead / rig.lag
-    n = roots.shape[1]
-    difference = roots[:, :, None] - roots[:, None, :]
-    difference[:, range(n), range(n)] = 1.0
-    weight = np.where(roots.imag > 0, 2.0, 1.0) * (roots.imag >= 0)
-    pole = np.where(weight > 0, roots, 0.0)
-    close = np.abs(difference).min(axis=2, where=~np.eye(n, dtype=bool), initial=np.inf)
-    crowded = np.flatnonzero((close < how.close * np.abs(roots)).any(axis=1))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        weight = np.where(weight > 0, weight / difference.prod(axis=2), 0.0)
+    n, pole, weight, close = roots.shape[1], np.empty_like(roots), np.empty_like(roots), np.zeros(len(roots), bool)
+    _residues(roots, how.close, pole, weight, close)
+    crowded = np.flatnonzero(close)
     if crowded.size:
         replaced = [_circle_around_clusters(roots[i], how) for i in crowded]
         width = max(n, *(len(place) for place, _ in replaced))
@@ -305,6 +340,21 @@ def _modes(rig: Setup, roots: ComplexArray, sign: float, zeros: int, how: PoleSe
             pole[i], weight[i] = 0.0, 0.0
             pole[i, : len(place)], weight[i, : len(place)] = place, value
     return Modes(pole, lead[:, None] * pole**zeros * weight, lead, roots)
+
+
+@compiled(borrows=True)
+def _residues(roots, least, pole, weight, close):  # type: ignore[no-untyped-def]
+    """Poles, of pairs one, and weights of ``1/prod(s - roots)``; and where two roots are nearly one, by `least`."""
+    for i in range(len(roots)):
+        for j in range(roots.shape[1]):
+            z, product = roots[i, j], 1.0 + 0.0j
+            for k in range(roots.shape[1]):
+                if k != j:
+                    product *= z - roots[i, k]
+                    close[i] |= abs(z - roots[i, k]) < least * abs(z)
+            pole[i, j], weight[i, j] = 0.0, 0.0
+            if z.imag >= 0.0:
+                pole[i, j], weight[i, j] = z, (2.0 if z.imag > 0.0 else 1.0) / product
 
 
 @compiled(borrows=True)
@@ -909,7 +959,7 @@ def separation(
         chosen = np.flatnonzero(lags == kind)
         for first in range(0, len(chosen), together):
             part = chosen[first : first + together]
-            one = rig.take(part)
+            one = rig if len(part) == n_sets else rig.take(part)
             batch = modes(one)
             press = one.M * one.g * one.lean / one.l
             found = tuple(np.empty((len(part), design.n_points), kind.dtype) for kind in every)

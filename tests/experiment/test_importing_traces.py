@@ -145,6 +145,10 @@ ASKED: dict[str, tuple[str, dict[str, Any], str]] = {
     ),
     "rest unknown": (rows(first=HEAD), {"from_rest": True}, "no sample lies before the start"),
     "out of order": (rows(first=HEAD) + "3,1\n", {}, "3 comes after 55; sort the rows"),
+    "out of order, where few are kept": (
+        "Time (us),Velocity (mm/s)\n" + "".join(f"{t},{t % 70}\n" for k in range(12) for t in (20 * k, 500 - 20 * k)),
+        {"every": 2}, "20 comes after 500",
+    ),
     "too few": (rows(first=HEAD), {"every": 4}, "3 samples after the start of the drive; a trace has at least 10"),
     "too many": (rows(first=HEAD), {"most_samples": 11}, "at most 11; keep one in so many: --every"),
     "a sweep": ("f (Hz),Vp,Range (um)\n1200,20,76\n", {"values": (), "every": 2}, "--every is of traces"),

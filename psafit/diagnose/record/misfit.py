@@ -33,6 +33,8 @@ class Where:
         By how many standard deviations.
     together : list of group ids
         Other groups whose readings stand out at the same condition.
+    observable : str, optional
+        What was read there, if not the launch range.
     """
 
     group: GroupId
@@ -43,6 +45,7 @@ class Where:
     log_bias: float
     score: float
     together: list[GroupId]
+    observable: str | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from psafit.experiment import drive_table, table, trace_table
-from psafit.observables import OF_LAUNCHES
+from psafit.observables import OBSERVABLES, OF_LAUNCHES, VELOCITY
 
 Volts = Literal["peak", "pp", "rms"]
 
@@ -70,23 +70,6 @@ PARTS: dict[str, set[str]] = {
     },
 }  # fmt: skip
 
-_RANGES = (
-    "launch range", "range", "launch distance", "distance", "flight distance", "launch", "throw", "wurfweite", "weite",
-    "reichweite", "flugweite", "portee", "portée", "alcance",
-)  # fmt: skip
-_SPEEDS = (
-    "launch speed", "launch velocity", "speed", "velocity", "geschwindigkeit", "startgeschwindigkeit",
-    "abwurfgeschwindigkeit", "abfluggeschwindigkeit", "vitesse", "v",
-)  # fmt: skip
-_CONTACTS = (
-    "contact time", "time of contact", "contact duration", "t contact", "contact t", "kontaktzeit", "kontaktdauer",
-    "t kontakt",
-)  # fmt: skip
-_VELOCITIES = ("velocity", "speed", "vibrometer", "geschwindigkeit", "schnelle", "vitesse", "v")
-_PLACES = (
-    "displacement", "disp", "position", "vibrometer", "auslenkung", "verschiebung", "weg", "déplacement",
-    "deplacement", "x",
-)  # fmt: skip
 _FREQUENCIES = ("frequency", "freq", "f", "frequenz", "frequence", "fréquence", "frecuencia", "frequenza", "")
 _TENSIONS = (
     "amplitude", "ampl", "amp", "voltage", "voltage amplitude", "amplitude voltage", "spannung", "spannungsamplitude",
@@ -99,11 +82,11 @@ _CYCLES = (
     "number of periods", "burst periods", "zyklen", "perioden", "anzahl perioden", "nombre de cycles",
 )  # fmt: skip
 _ERRORS = ("sigma", "standard uncertainty", "standardunsicherheit")
-_READINGS = (
-    Quantity("launch_range_um", "um", _RANGES, "reading", "ball"),
-    Quantity("launch_speed_mm_s", "mm/s", _SPEEDS, "reading", "ball"),
-    Quantity("contact_time_us", "us", _CONTACTS, "reading", "ball"),
-    Quantity("peak_force_n", "N", ("peak force", "contact force", "force", "kraft", "kontaktkraft"), "reading", "ball"),
+_READINGS = tuple(Quantity(o.column, o.unit, o.called or (o.title,), "reading", "ball") for o in OF_LAUNCHES)
+_TRACES = tuple(
+    Quantity(o.column, o.unit, o.called or (o.title,), "trace", "tip" if o.tip else "ball")
+    for o in OBSERVABLES
+    if o.traced
 )
 _SIGMA = {o.column: o.sigma_column for o in OF_LAUNCHES}
 
@@ -126,10 +109,8 @@ QUANTITIES = (
     Quantity("cycles", COUNT, _CYCLES, "drive", "drive"),
     Quantity("voltage_v", "V", (), "recording"),  # `Heading.drives` says which column is one
     Quantity("time_us", "us", ("time", "t", "elapsed time", "zeit", "temps", "x axis", "x value", ""), "time"),
-    Quantity("displacement_um", "um", _PLACES, "trace", "ball"),
-    Quantity("velocity_mm_s", "mm/s", _VELOCITIES, "trace", "ball"),
-    Quantity("tip_displacement_um", "um", (*_PLACES, ""), "trace", "tip"),
-    Quantity("tip_velocity_mm_s", "mm/s", (*_VELOCITIES, ""), "other", "tip"),
+    *_TRACES,
+    Quantity("tip_velocity_mm_s", "mm/s", (*VELOCITY.called, ""), "other", "tip"),
 )
 COLUMNS = {quantity.column: quantity for quantity in QUANTITIES}
 # What pint calls the units of this field, prefixes left out: it knows hundreds of others, with short names.

@@ -76,9 +76,8 @@ def from_start(grid: Grid, found: Sequence[Reading], options: Options) -> Sample
         with faults.kept():
             rows = [less(reading, {TIME: start, column: zero}) for reading in part]
             read = [r for r in rows[len(before) :] if column in dict(r.values)]
-            samples = read[:: options.every]
-            _check(grid, samples, len(rows) - len(before), options)
-            drive = drive_of(grid, rows, options)
+            _check(grid, read, len(rows) - len(before), options)
+            samples, drive = read[:: options.every], drive_of(grid, rows, options)
             traces.append(Trace(tuple(at_amplitude(samples, drive)), drive))
     if short and not len(faults):
         faults.add(_too_few(grid, short, len(parts), start, options))
@@ -137,7 +136,7 @@ def _too_few(
 
 
 def _check(grid: Grid, samples: Sequence[Reading], n_after: int, options: Options) -> None:
-    """The samples of one trace are possible, in order, and not too many, nor are those of a drive next to them."""
+    """The samples of one trace are possible and in order; those kept, and those of a drive, are not too many."""
     faults, last = RowFaults(grid.file), -1.0
     for reading in samples:
         time = dict(reading.values)[TIME]
@@ -150,9 +149,10 @@ def _check(grid: Grid, samples: Sequence[Reading], n_after: int, options: Option
         last = time
     faults.end(len(samples))
     recorded = bool(samples) and VOLTAGE in dict(samples[0].values)
-    n = n_after if recorded else len(samples)
+    n = n_after if recorded else -(-len(samples) // options.every)
     if n > options.most_samples:
-        remedy = "leave out the end of the record" if recorded else f"keep one in so many: --every {-(-n // 1000)}"
+        every = -(-len(samples) // 1000)
+        remedy = "leave out the end of the record" if recorded else f"keep one in so many: --every {every}"
         what = f"{n} samples after the start of the drive; a trace has at most {options.most_samples}"
         raise InputError(what, remedy, file=grid.file, line=samples[0].line)
 

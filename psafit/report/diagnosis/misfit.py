@@ -17,7 +17,7 @@ from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.record.misfit import Where
 from psafit.diagnose.show import Corner, Growth, Offset
 from psafit.experiment import Experiment
-from psafit.observables import OBSERVABLES
+from psafit.observables import OBSERVABLES, named
 from psafit.report import figures
 from psafit.report.catalogue import declared, parameter
 from psafit.report.diagnosis import words
@@ -63,8 +63,9 @@ def where(places: Sequence[Where]) -> list[Markup]:
 def _place(w: Where) -> Markup:
     side = "too large" if w.log_bias > 0 else "too small"
     others = Markup("the prediction is {}, as there in {},").format(side, words.group_ids(w.together))
-    return Markup("<strong>Group {}</strong>: {}: {} by a factor of {} ({:.1f} standard deviations)").format(
-        w.group, words.span([w.start, w.to], shown_unit(UNITS[w.variable])),
+    read = f", {named(w.observable).titles}" if w.observable else ""
+    return Markup("<strong>Group {}</strong>: {}{}: {} by a factor of {} ({:.1f} standard deviations)").format(
+        w.group, words.span([w.start, w.to], shown_unit(UNITS[w.variable])), read,
         others if w.together else f"predictions {side}", factor(abs(w.log_bias)), abs(w.score),
     )  # fmt: skip
 
