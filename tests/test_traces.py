@@ -16,7 +16,7 @@ from psafit.errors import InputError
 from psafit.experiment import Conditions, describe, read_experiment, read_plan, write_experiment
 from psafit.inference import noise
 from psafit.inference.candidate import optimised
-from psafit.inference.optimiser import expansion, gradient, slopes
+from psafit.inference.optimiser import expansion, gradient, log_posteriors, slopes
 from psafit.inference.problem import Problem
 from psafit.observables import DISPLACEMENT, OBSERVABLES, TIP_DISPLACEMENT, VELOCITY
 from psafit.physics import term
@@ -259,6 +259,15 @@ def made(kinds: tuple[int, ...], n: int = 60, seed: int = 1, ranges: int = 0) ->
     drawn = noise.draw(problem.predict(u), problem.noise_values(u), None, rng)[0]
     experiment = blank.with_readings(np.maximum(drawn, problem.floor))
     return Problem(experiment, experiment.ids)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_correlation_time_beyond_its_bounds_is_no_scatter() -> None:
+    problem = made((TRACES[0],))
+    u = np.repeat(problem.prior_transform(np.full((1, problem.n_dim), 0.5)), 2, axis=0)
+    u[0, -1] = problem.bounds[-1, 1] + 50.0  # samples would not scatter at all, given those before
+    predicted = problem.predict(u)
+    assert log_posteriors(problem, u, predicted, problem.observed).tolist() == [-np.inf, problem.log_posterior(u)[1]]
 
 
 def test_the_gradient_is_that_of_the_log_posterior() -> None:

@@ -354,7 +354,8 @@ def _residues(roots, least, pole, weight, close):  # type: ignore[no-untyped-def
                     close[i] |= abs(z - roots[i, k]) < least * abs(z)
             pole[i, j], weight[i, j] = 0.0, 0.0
             if z.imag >= 0.0:
-                pole[i, j], weight[i, j] = z, (2.0 if z.imag > 0.0 else 1.0) / product
+                # Of a double root there is none; what is close is replaced.
+                pole[i, j], weight[i, j] = z, (2.0 if z.imag > 0.0 else 1.0) / product if product != 0.0 else 0.0j
 
 
 @compiled(borrows=True)

@@ -145,9 +145,9 @@ ASKED: dict[str, tuple[str, dict[str, Any], str]] = {
     ),
     "rest unknown": (rows(first=HEAD), {"from_rest": True}, "no sample lies before the start"),
     "out of order": (rows(first=HEAD) + "3,1\n", {}, "3 comes after 55; sort the rows"),
-    "out of order, where few are kept": (
-        "Time (us),Velocity (mm/s)\n" + "".join(f"{t},{t % 70}\n" for k in range(12) for t in (20 * k, 500 - 20 * k)),
-        {"every": 2}, "20 comes after 500",
+    "out of order between those that are kept": (
+        "Time (us),Velocity (mm/s)\n" + "".join(f"{75 if k == 5 else 20 * k},{k}\n" for k in range(24)),
+        {"every": 2}, "75 comes after 80",
     ),
     "too few": (rows(first=HEAD), {"every": 4}, "3 samples after the start of the drive; a trace has at least 10"),
     "too many": (rows(first=HEAD), {"most_samples": 11}, "at most 11; keep one in so many: --every"),
