@@ -21,6 +21,7 @@ from psafit.experiment.plausible import (
     suspicious_constants,
     suspicious_facts,
     suspicious_readings,
+    traced_together,
 )
 from psafit.experiment.records import (
     CONSTANT_UNITS,
@@ -116,6 +117,7 @@ def read_experiment(folder: str | Path) -> Experiment:
             *copied_groups(groups),
             *disagreeing_groups(groups),
             *rescaled_groups(groups),
+            *traced_together(groups),
         ),
     )
 
@@ -230,14 +232,14 @@ def _sweep(declared: DeclaredGroup, *, planned: bool) -> Conditions:
 
 def _definition(folder: Path) -> Definition:
     try:
-        is_folder = folder.is_dir()
-        is_definition = folder.name == DEFINITION and folder.is_file()
+        is_folder, is_file = folder.is_dir(), folder.is_file()
     except PermissionError as error:  # it lies in a folder that may not be searched
         raise unreadable(folder, error, "check the permissions of the folders above it") from error
     except (OSError, ValueError):  # a name too long, or with a NUL
-        is_folder = is_definition = False
-    if is_definition:
-        raise InputError("this is a file", "give the folder that holds it", file=folder)
+        is_folder = is_file = False
+    if is_file:
+        remedy = "give the folder that holds it" if folder.name == DEFINITION else "psafit import makes a folder of it"
+        raise InputError("this is a file", remedy, file=folder)
     if not is_folder:
         raise InputError("no such experiment folder", f"give a folder that holds {DEFINITION}", file=folder)
     return Definition(folder)

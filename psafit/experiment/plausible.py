@@ -535,6 +535,19 @@ def copied_groups(groups: Sequence[Group], least: int = 5) -> list[str]:
     return found
 
 
+def traced_together(groups: Sequence[Group]) -> list[str]:
+    """One line for each two traces of several quantities over the same times: of one launch neither is new to a fit."""
+    found = []
+    for first, second in itertools.combinations(groups, 2):
+        if first.time_us is None or second.time_us is None or first.observable is second.observable:
+            continue
+        one, other = ((g.drive, g.changed, *g.conditions[0, :2].tolist()) for g in (first, second))
+        if one == other and np.array_equal(first.time_us, second.time_us):
+            text = f"its times are those of group {first.id}; if both are of one launch, neither is new to a fit of the"
+            found.append(one_line(f"{second.file}: group {second.id}: {text} other: give both to --group"))
+    return found
+
+
 def _rows(group: Group) -> FloatArray:
     """Conditions with their readings, (n_points, 4), of a trace (n_points, 5)."""
     return np.column_stack([group.conditions, group.reading])
@@ -571,7 +584,9 @@ def disagreeing_groups(groups: Sequence[Group], least: float = 1.37) -> list[str
     return found
 
 
-def rescaled_groups(groups: Sequence[Group], least: int = 5, near: float = 0.01) -> list[str]:
+def rescaled_groups(
+    groups: Sequence[Group], least: int = 5, near: float = 0.01, close: float = 0.1, plain: float = 1.37
+) -> list[str]:
     """One line for each two groups of the same readings whose volts or frequencies differ by a factor.
 
     Parameters
@@ -581,28 +596,36 @@ def rescaled_groups(groups: Sequence[Group], least: int = 5, near: float = 0.01)
         Groups of fewer readings may be the same by chance.
     near : float
         Readings and factors that differ by no more than this part are the same, rounded differently.
+    close, plain : float
+        Readings that differ by no more than the first part, as a rule, at volts that differ by the second or more: what
+        grows with the voltage would differ by at least as much.
     """
     found = []
     for first, second in itertools.combinations(groups, 2):
         same = (first.drive, first.changed, first.n_points) == (second.drive, second.changed, second.n_points)
-        scales = _scales(first, second, near) if same and first.n_points >= least else {}
+        scales, apart = _scales(first, second, near) if same and first.n_points >= least else ({}, np.empty(0))
         other = {name: ratio for name, ratio in scales.items() if abs(ratio - 1.0) > near}
         if len(other) != 1:
             continue
         ((name, ratio),) = other.items()
         factor = max(ratio, 1.0 / ratio)
+        grow = all(OBSERVABLES[k].grows for k in first.measured)
+        exactly = bool((apart <= near).all())
+        if not exactly and not (name == "amplitudes" and grow and factor >= plain and np.median(apart) <= close):
+            continue
         asked = _factor_asked(factor, first.drive) if name == "amplitudes" else "is one of them in another unit?"
         if name == "frequencies" and abs(factor / math.tau - 1.0) <= near:
             asked = "is one of them in rad/s?"
-        text = f"readings are those of group {first.id}, and {name} are {ratio:.4g} times those there; {asked}"
+        those = f"readings are {'' if exactly else 'about '}those of group {first.id}"
+        text = f"{those}, and {name} are {ratio:.4g} times those there; {asked}"
         found.append(one_line(f"{second.file}: group {second.id}: {text}"))
     return found
 
 
-def _scales(first: Group, second: Group, near: float) -> dict[str, float]:
-    """Frequencies and amplitudes of the second group over those of the first, of the same readings.
+def _scales(first: Group, second: Group, near: float) -> tuple[dict[str, float], FloatArray]:
+    """Frequencies and amplitudes of the second group over those of the first, and the parts by which readings differ.
 
-    Empty where readings are others, or where these ratios vary.
+    Empty where other things were read, or where these ratios vary.
     """
     one, two = (
         np.column_stack([g.measured, g.frequency_hz, g.amplitude_v, g.reading])[
@@ -610,12 +633,13 @@ def _scales(first: Group, second: Group, near: float) -> dict[str, float]:
         ].T
         for g in (first, second)
     )
-    same = np.array_equal(one[0], two[0]) and bool((np.abs(two[3] - one[3]) <= near * np.abs(one[3])).all())
-    if not (same and one[3].any() and one[2].all() and two[2].all()):
-        return {}
+    if not (np.array_equal(one[0], two[0]) and one[3].any() and one[2].all() and two[2].all()):
+        return {}, np.empty(0)
+    apart = np.abs(two[3] - one[3]) / np.maximum(np.abs(one[3]), 1e-300)
     ratios = {name: two[k] / one[k] for k, name in ((1, "frequencies"), (2, "amplitudes"))}
     steady = all(float(np.ptp(each)) <= near * float(each.min()) for each in ratios.values())
-    return {name: float(np.median(each)) for name, each in ratios.items()} if steady else {}
+    scales = {name: float(np.median(each)) for name, each in ratios.items()} if steady else {}
+    return scales, apart
 
 
 def _factor_asked(factor: float, drive: Drive) -> str:
@@ -636,14 +660,25 @@ def _factor_asked(factor: float, drive: Drive) -> str:
 def _of_launches(first: Group, second: Group, o: Observable) -> list[float]:
     """Readings of the second group over those of the first, at conditions that they share."""
     mine, others = (_means(g, o) if o.grows else {} for g in (first, second))
-    return [others[condition] / mine[condition] for condition in mine if condition in others]
+    if not (mine and others):
+        return []
+    there = np.array([*others])
+    found = [(_shared(np.array(condition), there), value) for condition, value in mine.items()]
+    return [others[tuple(there[k].tolist())] / value for k, value in found if k is not None]
+
+
+def _shared(condition: FloatArray, others: FloatArray, near: float = 0.01) -> int | None:
+    """Which of some conditions, (n, 2), is the same but for this part, as instruments round it; the nearest."""
+    apart = (np.abs(others - condition) / np.maximum(np.abs(condition), 1e-300)).max(axis=1)
+    nearest = int(np.argmin(apart))
+    return nearest if apart[nearest] <= near else None
 
 
 def _over_time(first: Group, second: Group, o: Observable, far: float = 0.5) -> list[float]:
     """Samples of the second trace over those of the first, of one condition, beyond `far` of what that reaches."""
     if any(g.time_us is None or g.observable is not o for g in (first, second)):
         return []
-    if (first.frequency_hz[0], first.amplitude_v[0]) != (second.frequency_hz[0], second.amplitude_v[0]):
+    if _shared(first.conditions[0, :2], second.conditions[:1, :2]) is None:
         return []
     mine, others = first.time_us, second.time_us
     assert mine is not None and others is not None

@@ -213,6 +213,19 @@ def test_a_waveform_is_read_whatever_its_capitals(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "amplitude_vpp", "amplitude_vrms", "amplitude_pp", "peak_to_peak_v", "flight_time_us", "launch_time_us",
+        "launch_angle_deg", "tip_speed_mm_s", "mean_force_n", "frequency_rad_s",
+    ],
+)  # fmt: skip
+def test_another_quantity_is_not_said_to_be_meant(name: str, tmp_path: Path) -> None:
+    """Renamed, it would describe the rig wrongly."""
+    error = refusal(write(tmp_path, a=f"frequency_hz,amplitude_v,{name}\n1200,20,0.3\n"))
+    assert "did you mean" not in str(error) and "psafit import" in error.remedy
+
+
 def test_a_reading_that_is_misnamed_is_the_only_fault(tmp_path: Path) -> None:
     """Whoever reads a speed is not asked for a range as well."""
     (tmp_path / "a").mkdir()

@@ -152,6 +152,43 @@ def test_groups_under_a_constant_voltage_are_compared_too(tmp_path: Path) -> Non
     assert any("2 times those of group 1" in w and w.endswith("is one of them in another unit?") for w in warnings)
 
 
+@pytest.mark.parametrize(("column", "step", "named"), [("velocity_mm_s", 10, True), ("velocity_mm_s", 20, False)])
+def test_a_launch_that_was_traced_twice_is_no_news(column: str, step: int, named: bool, tmp_path: Path) -> None:
+    toml = TOML.replace('waveform = "square"', 'waveform = "sine"').replace("file =", "trace =")
+    toml = toml.replace("trace =", "frequency_hz = 1200\namplitude_v = 20\ntrace =")
+    warnings = read_experiment(write(tmp_path, toml, traced(1.0), traced(2.0, column, step))).warnings
+    assert any("its times are those of group 1; if both are of one launch" in w for w in warnings) is named
+
+
+@pytest.mark.parametrize(("f", "v", "named"), [(1201, 20, True), (1200, 20.1, True), (1220, 20, False)])
+def test_conditions_that_are_the_same_but_for_rounding_are_compared(
+    f: float, v: float, named: bool, tmp_path: Path
+) -> None:
+    toml = TOML.replace('waveform = "square"', 'waveform = "sine"')
+    csv = [HEADER + "1200,20,50\n1400,20,45\n", HEADER + f"{f},{v},100\n1500,20,45\n"]
+    warnings = read_experiment(write(tmp_path, toml, *csv)).warnings
+    assert any("2 times those of group 1 at one shared condition" in w for w in warnings) is named
+
+
+@pytest.mark.parametrize(
+    ("volts", "column", "named"),
+    [(40, "launch_range_um", True), (22, "launch_range_um", False), (40, "contact_time_us", False)],
+)
+def test_a_sweep_measured_again_at_twice_the_volts_is_named(
+    volts: float, column: str, named: bool, tmp_path: Path
+) -> None:
+    """It is not for its scatter of 3 % that readings come out the same; those that do not grow with the voltage may."""
+    toml, rng = TOML.replace('waveform = "square"', 'waveform = "sine"'), np.random.default_rng(1)
+    csv = [
+        f"frequency_hz,amplitude_v,{column}\n"
+        + "".join(f"{f},{v},{(60 + f / 100) * (1 + 0.03 * rng.standard_normal()):.4g}\n" for f in range(800, 2000, 100))
+        for v in (20, volts)
+    ]
+    warnings = read_experiment(write(tmp_path, toml, *csv)).warnings
+    said = "readings are about those of group 1, and amplitudes are 2 times those there; are volts of one of them peak"
+    assert any(said in w for w in warnings) is named
+
+
 @pytest.mark.parametrize(("column", "plural"), [("launch_speed_mm_s", "speeds"), ("peak_force_n", "forces")])
 def test_groups_whose_speeds_or_forces_differ_are_named(column: str, plural: str, tmp_path: Path) -> None:
     """A time does not grow with the voltage."""

@@ -10,7 +10,12 @@ from pathlib import Path
 
 from psafit.experiment.importing.quantities import COLUMNS, VOLTS
 from psafit.experiment.importing.records import Table, Understood
-from psafit.experiment.plausible import disagreeing_groups, rescaled_groups, suspicious_readings
+from psafit.experiment.plausible import (
+    disagreeing_groups,
+    rescaled_groups,
+    suspicious_readings,
+    traced_together,
+)
 from psafit.experiment.records import DEFINITION, Constants
 from psafit.experiment.rig import Rig
 from psafit.experiment.text import one_line
@@ -62,7 +67,7 @@ class Imported:
         """What looks like another unit, as far as that can be known without the rig."""
         groups = [group for table in self.tables for group in table.groups]
         units = (line for group in groups for line in suspicious_readings(group, None))
-        return (*units, *disagreeing_groups(groups), *rescaled_groups(groups))
+        return (*units, *disagreeing_groups(groups), *rescaled_groups(groups), *traced_together(groups))
 
 
 def write_import(imported: Imported, folder: Path) -> None:

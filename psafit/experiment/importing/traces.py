@@ -142,7 +142,10 @@ def _check(grid: Grid, samples: Sequence[Reading], n_after: int, options: Option
         time = dict(reading.values)[TIME]
         try:
             possible(time, TIME, f"{time:g} us")
-            if time <= last:
+            if time == last:
+                rounded = "of a rounded clock say --column HEADING=ignore and --step TIME"
+                raise CellFault(f"{time:g} comes twice", f"give each time once; {rounded}")
+            if time < last:
                 raise CellFault(*out_of_order(last, time))
         except CellFault as fault:
             faults.add(TIME, fault.what, fault.remedy, reading.line)
