@@ -95,11 +95,11 @@ fuzz: $(STAMP)-dev ## Hostile files and options by the thousand: [CASES=10000] [
 kills: $(STAMP)-dev ## Kill -9 fits, diagnoses and campaigns at random moments: [KILLS=27 of each] [SEED=n]
 	@$(BIN)/python tests/kills.py $(call option,--kills,$(KILLS)) $(call option,--seed,$(SEED))
 
-lint: $(STAMP)-dev ## Check style and formatting
+lint: $(STAMP)-tools ## Check style and formatting
 	@$(BIN)/python -m ruff check .
 	@$(BIN)/python -m ruff format --check .
 
-types: $(STAMP)-dev ## Check the types
+types: $(STAMP)-tools ## Check the types
 	@$(BIN)/python -m mypy psafit
 
 bench: $(STAMP)-bench ## Measure speed and accuracy; writes benchmarks/latest.json
