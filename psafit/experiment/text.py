@@ -85,6 +85,9 @@ def signed(raw: bytes) -> str:
         b"MATLAB": "a MATLAB file",
         b"PAR1": "a Parquet file",
         b"%PDF-": "a PDF file",
+        b"TDSm": "a TDMS file (LabVIEW)",
+        b"\x0f\x0f:WFM": "an oscilloscope's binary waveform (.wfm)",
+        b"\xf0\xf0:WFM": "an oscilloscope's binary waveform (.wfm)",
     }
     return next((kind for start, kind in kinds.items() if raw.startswith(start)), "")
 

@@ -137,6 +137,8 @@ ASKED: dict[str, tuple[Any, str, int | None]] = {
     "volts of heading and row": ("f;amplitude_v;Range\nkHz;Vpp;um\n1;2;3\n", "'amplitude_v' peak to peak or RMS", 1),
     "volts of heading and cell": (HEAD + "1200;40 Vpp;3\n", "'40 Vpp' is peak to peak, and its column zero to peak", 2),
     "no unit": ("Frequency;Vpp;Range (um)\n1200;40;76\n", "'Frequency' gives no unit Frequency=frequency_hz:Hz", 1),
+    "a number with its uncertainty": (HEAD + "1200;20;76±2\n", "a column of its own: sigma_um", 2),
+    "a LabVIEW file": ("TDSm\0\0", "a TDMS file (LabVIEW), no table", 1),
     "a speed that is no range": (
         "f (Hz);Vpp;v\n1200;40;76\n", "or as one of launch_speed_mm_s, contact_time_us, peak_force_n", 1
     ),

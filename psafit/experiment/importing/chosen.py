@@ -20,6 +20,7 @@ from psafit.observables import OF_LAUNCHES
 
 WAVEFORM = "waveform"
 ERROR_OF = {o.sigma_column: o.column for o in OF_LAUNCHES}
+ERROR_FOR = {o.column: o.sigma_column for o in OF_LAUNCHES}
 """Column of the reading that each known error is of."""
 HELD = (*CONDITION_COLUMNS, *ERROR_OF)
 """What may be held, in the place of a column."""

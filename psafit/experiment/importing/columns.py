@@ -98,7 +98,7 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     if chosen.recorded(options):
         chosen = _without_settings(grid, head, chosen, faults)
     if not traced:
-        _check_motion(grid, head, chosen, faults)
+        _check_motion(grid, head, chosen, options, faults)
         check_launches(grid, head, chosen, options, faults)
         faults.end()
     _check_one_table(grid, head, chosen, faults)
@@ -335,12 +335,13 @@ def _repeated(columns: Sequence[Column]) -> bool:
     return same_name and (same or numbers in ([k + first for k in range(len(columns))] for first in (0, 1)))
 
 
-def _check_motion(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> None:
+def _check_motion(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
     """What has a time, and no frequency and no reading, is a trace of which no column is known to be the motion."""
     times = [c for c in chosen.unused if c.column == TIME]
     if times and not chosen.readings and not chosen.of("frequency_hz"):
         looks = f"column {times[0].name} looks like a trace over time, but none is a motion"
-        what = f"no frequency_hz among {all_headings(head)}: {looks}"
+        lacking = "motion" if "frequency_hz" in options.held else "frequency_hz"
+        what = f"no {lacking} among {all_headings(head)}: {looks}"
         moving = {q: [c for c in chosen.unused if nearly(c, head, q)] for q in QUANTITIES if q.role == "trace"}
         near = [(c, q) for q, columns in moving.items() for c in columns]
         others = (c for c in (*chosen.unused, *chosen.of("amplitude_v")) if not c.heading.of_tip)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from psafit.errors import InputError
 from psafit.experiment.drive_table import level
 from psafit.experiment.importing.chosen import (
     BIAS,
+    ERROR_FOR,
     ERROR_OF,
     IDLE,
     SETTINGS,
@@ -382,6 +384,8 @@ def _no_number(cell: Cell, text: str, column: Column, notation: Notation) -> tup
             f"{shown(text)} is no number with {shown(notation.decimal)} as decimal mark, as the others have",
             f"write all numbers in one way, or say --decimal {other.decimal}",
         )
+    if (known := ERROR_FOR.get(column.column)) and re.search(r"±|\+/?-", text):
+        return f"{shown(text)} is not a number", f"give the standard uncertainty a column of its own: {known}"
     unread = "; if it was not read, empty the cell, or delete the row if nothing was"
     return f"{shown(text)} is not a number", f"correct it{', or delete the row' if condition else unread}"
 
