@@ -192,7 +192,7 @@ LANES = 16
 
 @contextlib.contextmanager
 def one_core() -> Iterator[None]:
-    """Keep this thread, the threads it starts, and numba on one core, the one it runs on best."""
+    """Keep this thread and those it starts on one core, the one it runs on best, and share no batch."""
     threads, cores = n_threads(), None
     if hasattr(os, "sched_getaffinity"):
         cores = os.sched_getaffinity(0)

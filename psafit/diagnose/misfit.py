@@ -42,9 +42,10 @@ from psafit.inference import noise
 from psafit.inference.candidate import Candidate, optimised, refitted
 from psafit.inference.optimiser import maximise, maximise_linearly
 from psafit.inference.problem import Problem
+from psafit.observables import OBSERVABLES, recorded_name
 from psafit.physics.term import Term
 from psafit.records import Objection
-from psafit.simulate import path_of
+from psafit.simulate import Design, path_of
 from psafit.validate import log_ratio
 
 ALPHA = 0.02
@@ -119,8 +120,8 @@ class Place:
         Sum of the normal scores over the root of their number.
     p_value : float
         Share of simulated data sets with such a stretch anywhere.
-    measured : int
-        The observable that was read there, as `psafit.observables.OBSERVABLES` counts.
+    observable : str, optional
+        What was read there, if not the launch range.
     """
 
     group: GroupId
@@ -130,7 +131,7 @@ class Place:
     log_bias: float
     score: float
     p_value: float
-    measured: int
+    observable: str | None = None
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,8 @@ class Coincidence:
         That of the second of them that stands out most.
     p_value : float
         Share of simulated data sets with such readings at any condition.
+    observable : str, optional
+        What was read there, if not the launch range.
     """
 
     variable: Variable
@@ -162,6 +165,7 @@ class Coincidence:
     log_bias: float
     score: float
     p_value: float
+    observable: str | None = None
 
 
 class Tested:
@@ -391,6 +395,11 @@ def _directions(candidate: Candidate, catalogue: Sequence[Term], quantiles: tupl
     return result
 
 
+def _read(design: Design, rows: NDArray[np.intp]) -> str | None:
+    """What was read in some rows, all of one observable, as records call it."""
+    return recorded_name(OBSERVABLES[int(design.measured[rows[0]])])
+
+
 def _places(
     problem: Problem, e: FloatArray, simulated: FloatArray, predicted: FloatArray, settings: MisfitSettings
 ) -> tuple[Place, ...]:
@@ -414,7 +423,7 @@ def _places(
             places.append(
                 Place(
                     group_id, variable, float(values[a]), float(values[b - 1]), float(error[rows[a:b]].mean()), z,
-                    float((1 + np.sum(null >= abs(z))) / (1 + len(null))), int(design.measured[rows[0]]),
+                    float((1 + np.sum(null >= abs(z))) / (1 + len(null))), _read(design, rows),
                 )
             )  # fmt: skip
             left = [w for w in left if w[3] <= a or w[2] >= b]
@@ -443,6 +452,7 @@ def _coincidences(
                 Coincidence(
                     variable, tuple(numbered(problem, int(k)) for k in rows),
                     float(values.min()), float(values.max()), float(error[rows].mean()), side * score, p_value,
+                    _read(design, rows),
                 )
             )  # fmt: skip
     return tuple(sorted(found, key=lambda c: -abs(c.score)))

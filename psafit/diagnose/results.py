@@ -46,7 +46,7 @@ from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
 from psafit.model_search.model_set import ModelSet
 from psafit.model_search.visibility import VISIBLE
-from psafit.observables import OBSERVABLES, recorded_name
+from psafit.observables import OBSERVABLES, named, recorded_name
 from psafit.parameters import broadened
 from psafit.physics.term import idle
 from psafit.simulate.sensitivity import plausible
@@ -86,8 +86,11 @@ def sessions_of(model_set: ModelSet, candidate: Candidate) -> list[SessionResult
     for term in candidate.terms:
         if not (term.latent and term.of_session):
             continue
-        unit, about = term.of_session.unit, term.latent.description
+        unit, about = term.of_session.unit, term.of_session.title
         for group in problem.group_ids:
+            read = {OBSERVABLES[k].name for k in problem.experiment.group(group).measured}
+            if not term.setup and read.isdisjoint(term.reads):
+                continue
             names = [*(p.name for p in term.parameters), session_name(term.latent.name, group)]
             values = term.of_session.value(rows[:, [problem.names.index(name) for name in names]])
             low, median, high = (
@@ -222,31 +225,27 @@ def _tests(misfit: Misfit, candidate: Candidate, where: list[Where] | None = Non
     )
 
 
-def _where(misfit: Misfit, problem: Problem) -> list[Where]:
+def _where(misfit: Misfit) -> list[Where]:
     """Where readings are missed: those of several groups that stand out together, then stretches of sweeps."""
-    several = np.unique(problem.design.measured).size > 1
     unit = {"frequency": "Hz", "amplitude": "V", "time": "us"}
     found = []
 
-    def place(group: GroupId, p: Coincidence | Place, together: list[GroupId], measured: int) -> None:
-        observable = OBSERVABLES[measured]
+    def place(group: GroupId, p: Coincidence | Place, together: list[GroupId]) -> None:
         ends = dict.fromkeys((f"{p.lower:.6g}", f"{p.upper:.6g}"))
         side = "too large" if p.log_bias > 0 else "too small"
         elsewhere = f"the prediction is {side}, as there in group {', '.join(map(str, together))}," if together else ""
         what = elsewhere or f"predictions {side}"
-        read = f", {observable.titles}" if several else ""
+        read = f", {named(p.observable).titles}" if p.observable else ""
         text = f"group {group}, {' to '.join(ends)} {unit[p.variable]}{read}: {what} by a factor of"
         text += f" {np.exp(abs(p.log_bias)):.2f} ({abs(p.score):.1f} standard deviations)"
-        shown = p.lower, p.upper, text, p.log_bias, p.score, together, recorded_name(observable)
-        found.append(Where(group, p.variable, *shown))
+        found.append(Where(group, p.variable, p.lower, p.upper, text, p.log_bias, p.score, together, p.observable))
 
     for c in misfit.coincidences:
         groups = [group for group, _ in c.readings]
-        for group, number in c.readings:
-            measured = int(problem.experiment.group(group).measured[number])
-            place(group, c, [g for g in groups if g != group], measured)
+        for group in groups:
+            place(group, c, [g for g in groups if g != group])
     for p in misfit.places:
-        place(p.group, p, [], p.measured)
+        place(p.group, p, [])
     return found
 
 
@@ -288,9 +287,9 @@ def misfit_of(
     first = int(best_model.problem.design.measured.min())
     return MisfitResult(
         p_value=before.p_value,
-        where=_where(before, baseline.problem),
+        where=_where(before),
         baseline=_tests(before, baseline),
-        extended=None if after is None else _tests(after, best_model, _where(after, best_model.problem)),
+        extended=None if after is None else _tests(after, best_model, _where(after)),
         leftover=DiscrepancyResult(
             left.log_bayes, left.amplitude, left.level, left.reach, left.sigma_rel[first],
             [GroupDiscrepancy(g, _finite(m), _finite(x)) for g, m, x in left.largest(best_model)], left.mean.tolist(),

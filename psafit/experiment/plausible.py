@@ -541,8 +541,10 @@ def traced_together(groups: Sequence[Group]) -> list[str]:
     for first, second in itertools.combinations(groups, 2):
         if first.time_us is None or second.time_us is None or first.observable is second.observable:
             continue
-        one, other = ((g.drive, g.changed, *g.conditions[0, :2].tolist()) for g in (first, second))
-        if one == other and np.array_equal(first.time_us, second.time_us):
+        if (first.drive, first.changed) != (second.drive, second.changed):
+            continue
+        near = _shared(first.conditions[0, :2], second.conditions[:1, :2]) is not None
+        if near and np.array_equal(first.time_us, second.time_us):
             text = f"its times are those of group {first.id}; if both are of one launch, neither is new to a fit of the"
             found.append(one_line(f"{second.file}: group {second.id}: {text} other: give both to --group"))
     return found
@@ -603,17 +605,17 @@ def rescaled_groups(
     found = []
     for first, second in itertools.combinations(groups, 2):
         same = (first.drive, first.changed, first.n_points) == (second.drive, second.changed, second.n_points)
-        scales, apart = _scales(first, second, near) if same and first.n_points >= least else ({}, np.empty(0))
+        scales, read = _scales(first, second, near) if same and first.n_points >= least else ({}, np.empty((2, 0)))
         other = {name: ratio for name, ratio in scales.items() if abs(ratio - 1.0) > near}
         if len(other) != 1:
             continue
         ((name, ratio),) = other.items()
         factor = max(ratio, 1.0 / ratio)
-        grow = all(OBSERVABLES[k].grows for k in first.measured)
-        exactly = bool((apart <= near).all())
-        if not exactly and not (name == "amplitudes" and grow and factor >= plain and np.median(apart) <= close):
+        exactly = bool((np.abs(read[1] - read[0]) <= near * np.abs(read[0])).all())
+        if not exactly and not (name == "amplitudes" and factor >= plain and _stays(first, read, close)):
             continue
         asked = _factor_asked(factor, first.drive) if name == "amplitudes" else "is one of them in another unit?"
+        asked = asked if exactly else f"{asked.removesuffix('?')}, or does the drive saturate?"
         if name == "frequencies" and abs(factor / math.tau - 1.0) <= near:
             asked = "is one of them in rad/s?"
         those = f"readings are {'' if exactly else 'about '}those of group {first.id}"
@@ -623,7 +625,7 @@ def rescaled_groups(
 
 
 def _scales(first: Group, second: Group, near: float) -> tuple[dict[str, float], FloatArray]:
-    """Frequencies and amplitudes of the second group over those of the first, and the parts by which readings differ.
+    """Frequencies and amplitudes of the second group over those of the first, and what both read, (2, n).
 
     Empty where other things were read, or where these ratios vary.
     """
@@ -634,12 +636,18 @@ def _scales(first: Group, second: Group, near: float) -> tuple[dict[str, float],
         for g in (first, second)
     )
     if not (np.array_equal(one[0], two[0]) and one[3].any() and one[2].all() and two[2].all()):
-        return {}, np.empty(0)
-    apart = np.abs(two[3] - one[3]) / np.maximum(np.abs(one[3]), 1e-300)
+        return {}, np.empty((2, 0))
     ratios = {name: two[k] / one[k] for k, name in ((1, "frequencies"), (2, "amplitudes"))}
     steady = all(float(np.ptp(each)) <= near * float(each.min()) for each in ratios.values())
     scales = {name: float(np.median(each)) for name, each in ratios.items()} if steady else {}
-    return scales, apart
+    return scales, np.array([one[3], two[3]])
+
+
+def _stays(group: Group, read: FloatArray, close: float) -> bool:
+    """Whether what grows with the voltage, (2, n), is about the same, though nothing but that voltage drives it."""
+    plain = group.drive.bias_v == group.drive.idle_v and all(OBSERVABLES[k].grows for k in group.measured)
+    both = read[:, (read > 0.0).all(axis=0)]
+    return plain and both.size > 0 and bool(np.median(np.abs(both[1] / both[0] - 1.0)) <= close)
 
 
 def _factor_asked(factor: float, drive: Drive) -> str:
@@ -662,9 +670,9 @@ def _of_launches(first: Group, second: Group, o: Observable) -> list[float]:
     mine, others = (_means(g, o) if o.grows else {} for g in (first, second))
     if not (mine and others):
         return []
-    there = np.array([*others])
-    found = [(_shared(np.array(condition), there), value) for condition, value in mine.items()]
-    return [others[tuple(there[k].tolist())] / value for k, value in found if k is not None]
+    there, values = np.array([*others]), [*others.values()]
+    found = {_shared(np.array(condition), there): value for condition, value in mine.items()}
+    return [values[k] / value for k, value in found.items() if k is not None]
 
 
 def _shared(condition: FloatArray, others: FloatArray, near: float = 0.01) -> int | None:

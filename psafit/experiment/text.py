@@ -48,7 +48,7 @@ def near_columns(wrong: str, known: Iterable[str]) -> list[str]:
     """
 
     def says(word: str, own: str) -> bool:
-        prefixed = len(own) <= 2 and len(word) <= 3 and word[-1] == own[-1]
+        prefixed = len(own) <= 2 and len(word) <= 2 and word[-1] == own[-1]
         return prefixed or difflib.SequenceMatcher(None, word, own).ratio() >= 0.8
 
     said = re.findall(r"[^\W_]+", wrong[:40].casefold())

@@ -85,7 +85,7 @@ class ProblemFitter:
     def again(self, known: Sequence[Known], origin: Known) -> list[Known]:
         """Optimise models from where a neighbour has its optimum; only those that rise come back.
 
-        Where a mode of the neighbour was found by a hop alone, theirs may lie behind a hop, too.
+        Where no start has reached a mode of the neighbour, theirs may lie behind a hop, too.
         """
         own, there = [model.content.candidate for model in known], origin.content.candidate
         hops = origin.sampled and not there.starts.all()

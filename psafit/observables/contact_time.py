@@ -8,6 +8,11 @@ from psafit.arrays import FloatArray
 from psafit.observables.observable import Launches, Observable, scatter
 from psafit.parameters import Bounds, LogNormal
 
+_CALLED = (
+    "contact time", "time of contact", "contact duration", "t contact", "contact t", "kontaktzeit", "kontaktdauer",
+    "t kontakt",
+)  # fmt: skip
+
 
 def _of(launches: Launches) -> FloatArray:
     """A ball that does not leave the tip has no such time. Zero stands for it, far from any reading."""
@@ -20,16 +25,7 @@ CONTACT_TIME = Observable(
     unit="us",
     scale=1e6,
     title="contact time",
-    called=(
-        "contact time",
-        "time of contact",
-        "contact duration",
-        "t contact",
-        "contact t",
-        "kontaktzeit",
-        "kontaktdauer",
-        "t kontakt",
-    ),
+    called=_CALLED,
     of=_of,
     scatter=scatter(
         "contact_time",

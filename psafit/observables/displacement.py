@@ -6,11 +6,10 @@ from psafit.arrays import FloatArray
 from psafit.observables.observable import Motion, Observable, along, scatter
 from psafit.parameters import Bounds, LogNormal
 
-PLACES = (
+_CALLED = (
     "displacement", "disp", "position", "vibrometer", "auslenkung", "verschiebung", "weg", "déplacement",
     "deplacement", "x",
 )  # fmt: skip
-"""What a displacement is called, the tip's, too."""
 
 
 def _of(motion: Motion) -> FloatArray:
@@ -23,7 +22,7 @@ DISPLACEMENT = Observable(
     unit="um",
     scale=1e6,
     title="displacement",
-    called=PLACES,
+    called=_CALLED,
     of=_of,
     scatter=along(
         scatter(

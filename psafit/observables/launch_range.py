@@ -8,6 +8,11 @@ from psafit.arrays import FloatArray
 from psafit.observables.observable import Launches, Observable, scatter
 from psafit.parameters import Bounds, LogNormal
 
+_CALLED = (
+    "launch range", "range", "launch distance", "distance", "flight distance", "launch", "throw", "wurfweite", "weite",
+    "reichweite", "flugweite", "portee", "portée", "alcance",
+)  # fmt: skip
+
 
 def _of(launches: Launches) -> FloatArray:
     """A ball that leans on the tip may leave it behind its place of rest and never come beyond that: it reads zero."""
@@ -20,22 +25,7 @@ LAUNCH_RANGE = Observable(
     unit="um",
     scale=1e6,
     title="launch range",
-    called=(
-        "launch range",
-        "range",
-        "launch distance",
-        "distance",
-        "flight distance",
-        "launch",
-        "throw",
-        "wurfweite",
-        "weite",
-        "reichweite",
-        "flugweite",
-        "portee",
-        "portée",
-        "alcance",
-    ),
+    called=_CALLED,
     of=_of,
     scatter=scatter(
         "",

@@ -12,6 +12,11 @@ from psafit.arrays import FloatArray
 from psafit.observables.observable import Launches, Observable, scatter
 from psafit.parameters import Bounds, LogNormal
 
+_CALLED = (
+    "launch speed", "launch velocity", "speed", "velocity", "geschwindigkeit", "startgeschwindigkeit",
+    "abwurfgeschwindigkeit", "abfluggeschwindigkeit", "vitesse", "v",
+)  # fmt: skip
+
 
 def _of(launches: Launches) -> FloatArray:
     """A ball that is not launched has no speed."""
@@ -24,18 +29,7 @@ LAUNCH_SPEED = Observable(
     unit="mm/s",
     scale=1e3,
     title="launch speed",
-    called=(
-        "launch speed",
-        "launch velocity",
-        "speed",
-        "velocity",
-        "geschwindigkeit",
-        "startgeschwindigkeit",
-        "abwurfgeschwindigkeit",
-        "abfluggeschwindigkeit",
-        "vitesse",
-        "v",
-    ),
+    called=_CALLED,
     of=_of,
     scatter=scatter(
         "launch_speed",

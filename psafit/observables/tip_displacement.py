@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from psafit.arrays import FloatArray
-from psafit.observables.displacement import PLACES
+from psafit.observables.displacement import DISPLACEMENT
 from psafit.observables.observable import Motion, Observable, along, scatter
 from psafit.parameters import Bounds, LogNormal
 
@@ -18,7 +18,7 @@ TIP_DISPLACEMENT = Observable(
     unit="um",
     scale=1e6,
     title="tip displacement",
-    called=(*PLACES, ""),
+    called=(*DISPLACEMENT.called, ""),
     of=_of,
     scatter=along(
         scatter(

@@ -24,7 +24,7 @@ from psafit.physics.term import Check, OfSession, ReferenceRig, Setup, Symptom, 
 
 
 def length(p: FloatArray) -> FloatArray:
-    """A session's lean, m; `p` holds the middle, the spread and the session's number."""
+    """A session's lean, m, however long the string; `p` holds the middle, the spread and the session's number."""
     return p[:, 0] * np.exp(p[:, 1] * p[:, 2])
 
 
@@ -102,7 +102,7 @@ TERM = Term(
     look="the angle of the string at rest, on a photograph from the side, in each session",
     literal=literal,
     setup=setup,
-    of_session=OfSession("m", length),
+    of_session=OfSession("a session's lean", "m", length),
     latent=Parameter(
         name="session_lean_z",
         symbol="z",

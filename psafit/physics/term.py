@@ -267,12 +267,14 @@ class OfSession:
 
     Parameters
     ----------
+    title : str
     unit : str
         "1" of a factor.
     value : callable
         ``value(p)``, (n_sets,), of the cause's parameters and the session's own value behind them.
     """
 
+    title: str
     unit: str
     value: Callable[[FloatArray], FloatArray]
 
@@ -394,6 +396,8 @@ class Term:
             raise ValueError(f"{self.id}: there is no observable {unknown[0]!r} to read; there are {known}")
         if self.reads != (LAUNCH_RANGE.name,) and {*self.hooks} - {self.reading, self.condition}:
             raise ValueError(f"{self.id}: what changes readings of {', '.join(self.reads)} can do nothing else")
+        if self.of_session and not self.latent:
+            raise ValueError(f"{self.id}: what a session has by it asks for a latent parameter")
         if not self.hooks:
             raise ValueError(f"{self.id}: neither sets a number of the rig nor fills a slot")
 

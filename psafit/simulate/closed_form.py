@@ -195,7 +195,7 @@ def _polish(coefficients, start):  # type: ignore[no-untyped-def]
                 for k in range(4):
                     system[j, k] *= size[k] / row[j]
                 system[j, 4] /= row[j]
-            if abs(_eliminate(system)) < 1e-14:
+            if not abs(_eliminate(system)) >= 1e-14:
                 break  # the factors share a root: the companion values stand as they are
             p1, q1 = p1 - size[0] * system[0, 4], q1 - size[1] * system[1, 4]
             p2, q2 = p2 - size[2] * system[2, 4], q2 - size[3] * system[3, 4]
@@ -328,8 +328,8 @@ def _modes(rig: Setup, roots: ComplexArray, sign: float, zeros: int, how: PoleSe
     if rig.lag[0] > 0.0:
         roots = np.concatenate([roots, -1.0 / rig.lag[:, None]], axis=1)
         lead = lead / rig.lag
-    n, pole, weight, close = roots.shape[1], np.empty_like(roots), np.empty_like(roots), np.zeros(len(roots), bool)
-    _residues(roots, how.close, pole, weight, close)
+    n = roots.shape[1]
+    pole, weight, close = _residues(roots, how.close)
     crowded = np.flatnonzero(close)
     if crowded.size:
         replaced = [_circle_around_clusters(roots[i], how) for i in crowded]
@@ -342,9 +342,10 @@ def _modes(rig: Setup, roots: ComplexArray, sign: float, zeros: int, how: PoleSe
     return Modes(pole, lead[:, None] * pole**zeros * weight, lead, roots)
 
 
-@compiled(borrows=True)
-def _residues(roots, least, pole, weight, close):  # type: ignore[no-untyped-def]
+@compiled
+def _residues(roots, least):  # type: ignore[no-untyped-def]
     """Poles, of pairs one, and weights of ``1/prod(s - roots)``; and where two roots are nearly one, by `least`."""
+    pole, weight, close = np.zeros_like(roots), np.zeros_like(roots), np.zeros(len(roots), np.bool_)
     for i in range(len(roots)):
         for j in range(roots.shape[1]):
             z, product = roots[i, j], 1.0 + 0.0j
@@ -352,10 +353,10 @@ def _residues(roots, least, pole, weight, close):  # type: ignore[no-untyped-def
                 if k != j:
                     product *= z - roots[i, k]
                     close[i] |= abs(z - roots[i, k]) < least * abs(z)
-            pole[i, j], weight[i, j] = 0.0, 0.0
             if z.imag >= 0.0:
                 # Of a double root there is none; what is close is replaced.
                 pole[i, j], weight[i, j] = z, (2.0 if z.imag > 0.0 else 1.0) / product if product != 0.0 else 0.0j
+    return pole, weight, close
 
 
 @compiled(borrows=True)

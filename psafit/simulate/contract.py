@@ -282,6 +282,9 @@ def declaration(cause: Term) -> Outcome:
             faults.append(f"{what} is not one line of LaTeX without dollar signs, its braces in pairs")
     outside = [p.name for p in named if p.neutral is not None and not p.bounds.lower <= p.neutral <= p.bounds.upper]
     faults += [f"neutral value of {name} outside its bounds" for name in outside]
+    if cause.of_session:
+        found = np.shape(cause.of_session.value(np.tile([*plausible(cause), 0.5], (3, 1))))
+        faults += [f"what a session has is of shape {found} for 3 sets, not (3,)"] if found != (3,) else []
     said = f"{len(named)} parameter{'s' * (len(named) > 1)}, each with unit, bounds, prior and source"
     return Outcome("declaration", not faults, "; ".join(faults) or said)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ from diagnoses_by_hand import make_experiment, make_record
 
 from psafit.diagnose.answer import answer, sentences
 from psafit.diagnose.answer.findings import (
+    BySession,
     Furthest,
     Implausible,
     Judged,
@@ -24,13 +26,13 @@ from psafit.diagnose.answer.grounds import ByChance, OneGroup, Searched
 from psafit.diagnose.answer.worth import Gained
 from psafit.diagnose.misfit import Coincidence
 from psafit.diagnose.record import Diagnosis
-from psafit.diagnose.record.models import Counted, ParameterResult
+from psafit.diagnose.record.models import Counted, ParameterResult, SessionResult
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
 from psafit.model_search.model_set import LookedAt
 from psafit.records import Broken
 from psafit.report.diagnosis import remaining
-from psafit.report.diagnosis.answer import kind
+from psafit.report.diagnosis.answer import PAGE, kind
 
 GAP = ParameterResult(1e-7, None, None, "m", "what it means", 0.5)
 
@@ -89,6 +91,23 @@ def test_the_scatter_is_not_called_right_where_its_statistics_stand_out() -> Non
         baseline = replace(d.misfit.baseline, statistics=statistics)
         (kind_of,) = of(replace(d, misfit=replace(d.misfit, baseline=baseline)), Kind)
         assert kind_of.say(PLAIN).endswith(said)
+
+
+def test_what_each_session_has_is_said_in_words_and_on_a_page() -> None:
+    d = record()
+    values = [
+        ParameterResult(m, low, high, "m", "", math.nan) for m, low, high in ((2e-3, 1e-3, 3e-3), (5e-3, None, None))
+    ]
+    sessions = [SessionResult("session_lean", group, value) for group, value in zip((1, "b"), values, strict=True)]
+    causes = [replace(d.causes[0], sessions=sessions), *d.causes[1:]]
+    (said,) = of(replace(d, causes=causes), BySession)
+    assert (
+        said.say(PLAIN)
+        == "Session by session: session_lean 0.002 (0.001 to 0.003) m in group 1 and 0.005 m in group b."
+    )
+    page = "lean that differs by session 0.0020 m (0.0010 to 0.0030) in group 1 and 0.00500 m in group b."
+    assert str(said.say(PAGE)).replace("\u00a0", " ") == f"Session by session: {page}"
+    assert not of(d, BySession)
 
 
 def test_a_named_set_is_held_to_what_is_asked_of_the_baseline() -> None:

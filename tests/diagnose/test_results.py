@@ -133,11 +133,15 @@ def test_the_readings_furthest_from_what_is_adopted_are_always_reported():
     e = experiment(spoil=narrow)
     model_set = search_models(problem(e), FEW, seed=1, settings=CHEAP)
     before = examine(model_set.baseline, FEW, seed=1, n_simulated=99)
-    misfit = misfit_of(before, None, discrepancy(model_set.baseline), model_set.baseline, model_set.best_model)
+    left = discrepancy(model_set.baseline)
+    misfit = misfit_of(before, None, left, model_set.baseline, model_set.best_model)
     hz = e.group("a").frequency_hz[9]
     assert [r.frequency_hz for r in misfit.baseline.furthest].count(hz) == 2
     assert [w.group for w in misfit.where[:2]] == ["a", "c"] and misfit.where[0].together == ["c"]
-    assert "as there in group c" in misfit.where[0].text
+    assert "as there in group c" in misfit.where[0].text and misfit.where[0].observable is None
+    speeds = replace(before, coincidences=tuple(replace(c, observable="launch_speed") for c in before.coincidences))
+    first = misfit_of(speeds, None, left, model_set.baseline, model_set.best_model).where[0]
+    assert first.observable == "launch_speed" and " Hz, launch speeds: the prediction is" in first.text
     cause = cause_result(model_set, SimpleNamespace(named=(), probability={(): 1.0}), model_set.baseline)
     assert cause.parameters["nu"].upper < 10.0 and cause.evidence.prior_odds == 0.0
     ids = next(ids for ids in model_set.log_evidence if ids)

@@ -217,7 +217,8 @@ def test_a_waveform_is_read_whatever_its_capitals(tmp_path: Path) -> None:
     "name",
     [
         "amplitude_vpp", "amplitude_vrms", "amplitude_pp", "peak_to_peak_v", "flight_time_us", "launch_time_us",
-        "launch_angle_deg", "tip_speed_mm_s", "mean_force_n", "frequency_rad_s",
+        "launch_angle_deg", "tip_speed_mm_s", "mean_force_n", "frequency_rad_s", "min_force_n", "rms_speed_mm_s",
+        "contact_time_rms", "sem_um", "sigma_pos_um", "amplitude_div",
     ],
 )  # fmt: skip
 def test_another_quantity_is_not_said_to_be_meant(name: str, tmp_path: Path) -> None:

@@ -171,14 +171,20 @@ def test_conditions_that_are_the_same_but_for_rounding_are_compared(
 
 
 @pytest.mark.parametrize(
-    ("volts", "column", "named"),
-    [(40, "launch_range_um", True), (22, "launch_range_um", False), (40, "contact_time_us", False)],
+    ("volts", "column", "drive", "named"),
+    [
+        (40, "launch_range_um", "", True),
+        (22, "launch_range_um", "", False),
+        (40, "contact_time_us", "", False),
+        (40, "launch_range_um", "bias_v = 200", False),
+    ],
 )
 def test_a_sweep_measured_again_at_twice_the_volts_is_named(
-    volts: float, column: str, named: bool, tmp_path: Path
+    volts: float, column: str, drive: str, named: bool, tmp_path: Path
 ) -> None:
-    """It is not for its scatter of 3 % that readings come out the same; those that do not grow with the voltage may."""
+    """Though readings scatter. Not what need not grow with the voltage: a time, launches by a bias."""
     toml, rng = TOML.replace('waveform = "square"', 'waveform = "sine"'), np.random.default_rng(1)
+    toml = toml.replace('waveform = "sine"', f'waveform = "sine"\n{drive}')
     csv = [
         f"frequency_hz,amplitude_v,{column}\n"
         + "".join(f"{f},{v},{(60 + f / 100) * (1 + 0.03 * rng.standard_normal()):.4g}\n" for f in range(800, 2000, 100))
@@ -187,6 +193,13 @@ def test_a_sweep_measured_again_at_twice_the_volts_is_named(
     warnings = read_experiment(write(tmp_path, toml, *csv)).warnings
     said = "readings are about those of group 1, and amplitudes are 2 times those there; are volts of one of them peak"
     assert any(said in w for w in warnings) is named
+
+
+def test_readings_that_grow_are_not_named_for_launches_that_failed(tmp_path: Path) -> None:
+    toml = TOML.replace('waveform = "square"', 'waveform = "sine"')
+    rows = [(f, max(f - 1400, 0) / 10) for f in range(800, 2000, 100)]
+    csv = [HEADER + "".join(f"{f},{v},{x * k}\n" for f, x in rows) for v, k in ((20, 1), (40, 4))]
+    assert not any("those of group 1, and" in w for w in read_experiment(write(tmp_path, toml, *csv)).warnings)
 
 
 @pytest.mark.parametrize(("column", "plural"), [("launch_speed_mm_s", "speeds"), ("peak_force_n", "forces")])

@@ -19,7 +19,7 @@ from truths import CHEAP, FEW, RIG, TRUTH, experiment, few, problem
 
 from psafit.errors import ConvergenceError, InputError
 from psafit.experiment import Group
-from psafit.inference.candidate import candidate_at
+from psafit.inference.candidate import Candidate, candidate_at
 from psafit.inference.memory import Memory
 from psafit.inference.problem import Problem
 from psafit.model_search import ModelSet, SearchSettings, search_models
@@ -88,6 +88,28 @@ def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Mode
     # What a sample has found before is kept apart: Laplace's error is no part of it.
     (again,) = fitter.again([replace(held, sampled=True, log_evidence=risen.log_evidence + 5.0)], origin)
     assert again.least == risen.log_evidence + 5.0 and again.log_evidence == again.content.candidate.laplace_of_one
+
+
+@pytest.mark.parametrize("reached", [True, False])
+def test_hops_are_taken_where_no_start_reached_a_mode_of_the_neighbour(
+    reached: bool, hidden: ModelSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each result is kept by itself."""
+    hopped: list[int] = []
+
+    def hop(found: Candidate, *, seed: int, better: float) -> Candidate:
+        hopped.append(seed)
+        return found
+
+    monkeypatch.setattr(fitting, "hopped", hop)
+    memory = Memory(None)
+    fitter = ProblemFitter(hidden.baseline.problem, FEW, SETTINGS, 7, memory)
+    lag, pair = hidden.of(("amplifier_lag",)), hidden.of(("amplifier_lag", "reading_offset"))
+    known = [Model(lag.ids, 0.0, lag.log_posterior, False, Fitted(lag))]
+    for starts in (np.ones(len(pair.modes), int), np.full(len(pair.modes), int(reached))):
+        there = replace(pair, starts=starts)
+        fitter.again(known, Model(pair.ids, hidden.log_evidence[pair.ids], pair.log_posterior, True, Fitted(there)))
+    assert hopped == ([] if reached else [7])
 
 
 def test_what_a_neighbour_lacks_stays_where_a_model_has_it(hidden: ModelSet) -> None:

@@ -145,6 +145,13 @@ def test_no_voltage_no_launch() -> None:
     assert (result.launch_range == 0).all() and not result.launched.any()
 
 
+def test_roots_that_are_twice_the_same_stand_as_they_are() -> None:
+    """No step of Newton's method leads on from them."""
+    twice = np.array([[-0.5 + 0.75j, -0.5 - 0.75j, -0.5 + 0.75j, -0.5 - 0.75j]])
+    found = closed_form._polish(np.poly(twice[0]).real[None, 1:], twice)
+    assert found == pytest.approx(twice, abs=1e-12)
+
+
 def test_a_pressed_ball_that_never_separates_ends_the_search() -> None:
     rig = Setup.of(RIG, PUBLISHED[None, :]).change(lean=np.array([4e-3]))
     for waveform in ("sine", "square"):

@@ -82,12 +82,11 @@ _CYCLES = (
     "number of periods", "burst periods", "zyklen", "perioden", "anzahl perioden", "nombre de cycles",
 )  # fmt: skip
 _ERRORS = ("sigma", "standard uncertainty", "standardunsicherheit")
-_READINGS = tuple(Quantity(o.column, o.unit, o.called or (o.title,), "reading", "ball") for o in OF_LAUNCHES)
-_TRACES = tuple(
-    Quantity(o.column, o.unit, o.called or (o.title,), "trace", "tip" if o.tip else "ball")
+_MEASURED = tuple(
+    Quantity(o.column, o.unit, o.called or (o.title,), "trace" if o.traced else "reading", "tip" if o.tip else "ball")
     for o in OBSERVABLES
-    if o.traced
 )
+_READINGS, _TRACES = (tuple(q for q in _MEASURED if q.role == role) for role in ("reading", "trace"))
 _SIGMA = {o.column: o.sigma_column for o in OF_LAUNCHES}
 
 

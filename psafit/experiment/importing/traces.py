@@ -137,24 +137,25 @@ def _too_few(
 
 def _check(grid: Grid, samples: Sequence[Reading], n_after: int, options: Options) -> None:
     """The samples of one trace are possible and in order; those kept, and those of a drive, are not too many."""
-    faults, last = RowFaults(grid.file), -1.0
-    for reading in samples:
+    faults, last, kept = RowFaults(grid.file), -1.0, -1.0
+    for k, reading in enumerate(samples):
         time = dict(reading.values)[TIME]
         try:
             possible(time, TIME, f"{time:g} us")
-            if time == last:
-                rounded = "of a rounded clock say --column HEADING=ignore and --step TIME"
-                raise CellFault(f"{time:g} comes twice", f"give each time once; {rounded}")
             if time < last:
                 raise CellFault(*out_of_order(last, time))
+            if time == kept and k % options.every == 0:
+                rounded = "of a rounded clock say --column HEADING=ignore and --step TIME"
+                raise CellFault(f"{time:g} comes twice", f"give each time once; {rounded}")
         except CellFault as fault:
             faults.add(TIME, fault.what, fault.remedy, reading.line)
         last = time
+        kept = time if k % options.every == 0 else kept
     faults.end(len(samples))
     recorded = bool(samples) and VOLTAGE in dict(samples[0].values)
     n = n_after if recorded else -(-len(samples) // options.every)
     if n > options.most_samples:
-        every = -(-len(samples) // 1000)
+        every = -(-len(samples) // options.most_samples)
         remedy = "leave out the end of the record" if recorded else f"keep one in so many: --every {every}"
         what = f"{n} samples after the start of the drive; a trace has at most {options.most_samples}"
         raise InputError(what, remedy, file=grid.file, line=samples[0].line)
