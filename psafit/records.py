@@ -419,7 +419,7 @@ class GroupScore:
     observable : str, optional
         What is read, by its name; left out for the launch range.
     unit : str, optional
-        Unit of `crps_um` where it is not um.
+        Unit of `crps` where it is not um.
     n_points : int
     log_rmse : float
         Root mean square of ln((predicted + 0.3 um)/(measured + 0.3 um)), predicted = posterior median; other
@@ -428,8 +428,8 @@ class GroupScore:
         Mean of the same: positive where the prediction is too large.
     coverage_50, coverage_90 : float
         Fraction of readings inside the central predictive interval.
-    crps_um : float
-        Mean continuous ranked probability score, um, or in `unit`.
+    crps : float
+        Mean continuous ranked probability score, um, or in `unit`; the key is "crps_um".
     elpd : float
         Expected log predictive density, summed over the readings, nats.
     elpd_per_point : float
@@ -452,7 +452,7 @@ class GroupScore:
     log_bias: float
     coverage_50: float
     coverage_90: float
-    crps_um: float
+    crps: float = dataclasses.field(metadata={"key": "crps_um"})
     elpd: float
     elpd_per_point: float
     pit_p_value: float

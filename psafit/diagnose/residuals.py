@@ -138,7 +138,7 @@ def looks(
     found["neighbours in all sweeps", "mean", None] = (x[:, 1:] * x[:, :-1])[:, same].sum(axis=1) / math.sqrt(
         max(same.sum(), 1)
     )
-    size = np.log(np.abs(predicted) * problem.per_um + 0.05)
+    size = np.log(np.abs(predicted) * problem.on_one_axis + 0.05)
     covariates = {
         "frequency": design.along("frequency"),
         "amplitude": design.along("amplitude"),

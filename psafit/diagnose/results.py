@@ -264,8 +264,8 @@ def _furthest(misfit: Misfit, candidate: Candidate, most: int = 3) -> list[Readi
     conditions = np.column_stack([design.group, design.measured, design.frequency, design.amplitude, time])
     return [
         Reading(
-            **vars(condition_of(candidate.problem, int(k))), reading_um=float(observed[k]),
-            predicted_um=float(candidate.predicted[k]), score=float(misfit.scores[k]),
+            **vars(condition_of(candidate.problem, int(k))), reading=float(observed[k]),
+            predicted=float(candidate.predicted[k]), score=float(misfit.scores[k]),
             observable=recorded_name(OBSERVABLES[int(design.measured[k])]),
             repeats=observed[same[same != k]].tolist() or None,
         )
@@ -319,8 +319,8 @@ def shown(model_set: ModelSet, most: int = 8) -> dict[str, ModelShown]:
             corners=show.corners(c),
             drift=[d for d in drifts[name] if (d.parameter, d.variable) in striking],
             lines=show.lines(c),
-            predicted_um=c.predicted.tolist(),
-            without_um={
+            predicted=c.predicted.tolist(),
+            without={
                 id: ranges.tolist() for id, ranges in without_each(c.problem, c.modes[:1], c.problem.group_ids).items()
             },
             parameters=dict(zip(c.problem.names, c.values.tolist(), strict=True)),

@@ -70,16 +70,16 @@ class Line:
         What is read, by its name; left out for the launch range.
     at : list of float, Hz, V or us
         Ascending.
-    um : list of float
-        In the unit of the observable.
-    without_um : dict of str to list of float
-        By cause: without it, all else left as it is.
+    value : list of float
+        In the unit of the observable; the key is "um".
+    without : dict of str to list of float
+        By cause: without it, all else left as it is; the key is "without_um".
     """
 
     group: GroupId
     at: list[float]
-    um: list[float]
-    without_um: dict[str, list[float]]
+    value: list[float] = field(metadata={"key": "um"})
+    without: dict[str, list[float]] = field(metadata={"key": "without_um"})
     observable: str | None = field(default=None, metadata=ABSENT)
 
     @property
@@ -362,7 +362,7 @@ def drift(candidate: Candidate, *, knots: int = 4, in_order: float = 0.9) -> lis
     covariates = {
         "frequency": design.along("frequency"),
         "amplitude": design.along("amplitude"),
-        "range": np.log(np.abs(candidate.predicted) * problem.per_um + 0.05),
+        "range": np.log(np.abs(candidate.predicted) * problem.on_one_axis + 0.05),
     }
     # Sweeps that were read from one end to the other do not separate the time from what was swept.
     if max(_sorted(np.argsort(rows)) for _, _, rows in sweeps(problem)) < in_order:

@@ -318,7 +318,7 @@ class Problem:
         return np.concatenate([np.full(g.n_points, g.floor) for g in groups])
 
     @cached_property
-    def per_um(self) -> FloatArray:
+    def on_one_axis(self) -> FloatArray:
         """What a reading is multiplied by so that readings of all observables can stand on one axis, (n_points,).
 
         The offsets of the error metric are the scale: it is one for launch ranges.

@@ -421,7 +421,7 @@ def _role_cell(s: GroupScore) -> dict[str, str]:
 def _crps(s: GroupScore) -> str:
     """CRPS of a group with its unit, to a hundredth or so of the error metric's offset."""
     o = named(s.observable)
-    return f"{fixed(s.crps_um, 1 - math.floor(math.log10(o.offset)))} {unit_text(o.unit)}"
+    return f"{fixed(s.crps, 1 - math.floor(math.log10(o.offset)))} {unit_text(o.unit)}"
 
 
 def _score_row(shown: Shown) -> list[Any]:

@@ -66,14 +66,14 @@ def test_curves_hold_what_is_simulated_between_readings(hidden):
         x, part = (g.frequency_hz if g.varied == ("frequency",) else g.amplitude_v), slice(start, start + g.n_points)
         start = part.stop
         assert line.group == g.id and len(line.at) > 2 * g.n_points
-        assert np.interp(x, line.at, line.um) == pytest.approx(best_model.predicted[part], rel=1e-9)
+        assert np.interp(x, line.at, line.value) == pytest.approx(best_model.predicted[part], rel=1e-9)
         between = simulate(
             Design.of(best_model.problem.experiment.constants, [g.filled()]),
             best_model.values[None, :4],
             best_model.terms,
         )
-        assert line.um == pytest.approx(between.launch_range[0] * 1e6, rel=1e-9)
-        assert line.without_um.keys() == {cause.id} and line.without_um[cause.id] != line.um
+        assert line.value == pytest.approx(between.launch_range[0] * 1e6, rel=1e-9)
+        assert line.without.keys() == {cause.id} and line.without[cause.id] != line.value
 
 
 def test_growth_is_that_of_the_data(sound):
@@ -120,10 +120,10 @@ def test_each_observable_has_a_curve_between_its_readings(tmp_path: Path) -> Non
     assert [line.of for line in found] == [(str(p.id), p.observable.name) for p in parts]
     for p, fitted, line in zip(parts, by_part(experiment.groups, candidate.predicted), found, strict=True):
         assert (line.observable is None) == (p.observable.name == "launch_range")
-        assert np.interp(p.along, line.at, line.um) == pytest.approx(fitted, rel=1e-9)
+        assert np.interp(p.along, line.at, line.value) == pytest.approx(fitted, rel=1e-9)
     record = make_record(experiment)
-    shows = {name: replace(model, predicted_um=candidate.predicted.tolist(), without_um={}, lines=found)
+    shows = {name: replace(model, predicted=candidate.predicted.tolist(), without={}, lines=found)
              for name, model in record.show.items()}  # fmt: skip
     for shown, line in zip(shown_groups(replace(record, show=shows), experiment, tmp_path), found, strict=True):
         for curve in shown.curves:
-            assert curve.line is not None and curve.line[1].tolist() == line.um
+            assert curve.line is not None and curve.line[1].tolist() == line.value

@@ -393,11 +393,11 @@ class Furthest(Statement):
         far = (
             words.put(
                 "{} ({} read{}, {} predicted)", _place(r, words),
-                words.number(f"{significant(r.reading_um)} {r.unit}"),
+                words.number(f"{significant(r.reading)} {r.unit}"),
                 words.put(", {} {} when repeated", words.joined(", ", map(significant, r.repeats)), r.unit)
                 if r.repeats
                 else "",
-                words.number(f"{significant(r.predicted_um)} {r.unit}"),
+                words.number(f"{significant(r.predicted)} {r.unit}"),
             )
             for r in self.readings
         )  # fmt: skip

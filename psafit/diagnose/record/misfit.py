@@ -77,8 +77,8 @@ class Reading(Condition):
     ----------
     group, number, frequency_hz, amplitude_v, time_us
         As of `Condition`.
-    reading_um, predicted_um : float
-        In the unit of another observable than the launch range where `observable` names one.
+    reading, predicted : float
+        In the unit of what was read; the keys end with `_um`.
     score : float
         In standard deviations of the scatter.
     observable : str, optional
@@ -87,8 +87,8 @@ class Reading(Condition):
         Other readings of the group at the same condition, in that unit; left out where there are none.
     """
 
-    reading_um: float
-    predicted_um: float
+    reading: float = field(metadata={"key": "reading_um"})
+    predicted: float = field(metadata={"key": "predicted_um"})
     score: float
     observable: str | None = field(default=None, metadata=ABSENT)
     repeats: list[float] | None = field(default=None, metadata=ABSENT)

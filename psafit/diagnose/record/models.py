@@ -262,9 +262,9 @@ class ModelShown:
     Parameters
     ----------
     growth, corners, drift, lines : lists
-    predicted_um : list of float
-        At all readings, one group after the other.
-    without_um : dict of str to list of float
+    predicted : list of float
+        At all readings, one group after the other, each in its unit; the key ends with `_um`, as that of `without`.
+    without : dict of str to list of float
         By cause: the same without it.
     parameters : dict
         Values of the best fit.
@@ -274,8 +274,8 @@ class ModelShown:
     corners: list[Corner]
     drift: list[Drift]
     lines: list[Line]
-    predicted_um: list[float]
-    without_um: dict[str, list[float]]
+    predicted: list[float] = field(metadata={"key": "predicted_um"})
+    without: dict[str, list[float]] = field(metadata={"key": "without_um"})
     parameters: dict[str, float]
 
 

@@ -111,7 +111,7 @@ def first_screen(result: Diagnosis, beliefs: Sequence[Belief] = (), together: in
     found: dict[str, list[Statement]] = {}
     for statement in answer(result, beliefs):
         found.setdefault(statement.topic, []).append(statement)
-    readings = sum(len(model.predicted_um) for name, model in result.show.items() if name == "baseline")
+    readings = sum(len(model.predicted) for name, model in result.show.items() if name == "baseline")
     examined = Markup("<strong>Examined:</strong> {} of {}, against the baseline and {}.").format(
         count(readings, "reading"), words.group_ids(result.groups), count(len(result.screening), "candidate cause")
     )

@@ -69,12 +69,12 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     """The groups of the record with the models' predictions, which the record holds one group after the other."""
     members = experiment.select(result.groups)
     n = sum(g.n_points for g in members)
-    models = {name: np.asarray(model.predicted_um, dtype=float) for name, model in result.show.items()}
+    models = {name: np.asarray(model.predicted, dtype=float) for name, model in result.show.items()}
     adopted = _predicted(result.table(folder, result.predictions))
     strict = result.gain.get("strict")
     unseen = _predicted(result.table(folder, strict.predictions), "extended") if strict else {}
     extended = result.show.get("extended")
-    each = {id: np.asarray(v, dtype=float) for id, v in (extended.without_um if extended else {}).items()}
+    each = {id: np.asarray(v, dtype=float) for id, v in (extended.without if extended else {}).items()}
     without = {id: ranges for id, ranges in each.items() if ranges.size == n}
     lines = {model: {line.of: line for line in show.lines} for model, show in result.show.items()}
     starts = np.cumsum([0, *(g.n_points for g in members)])
@@ -120,8 +120,8 @@ def _line(given: Line | None, gone: str | None = None) -> tuple[FloatArray, Floa
     """What a record says between the readings of a group, with all causes or without one; a sweep of two is none."""
     if given is None:
         return None
-    at, um = np.asarray(given.at), np.asarray(given.um if gone is None else given.without_um[gone], dtype=float)
-    return (at, um) if np.isfinite(um).all() else None
+    at, value = np.asarray(given.at), np.asarray(given.value if gone is None else given.without[gone], dtype=float)
+    return (at, value) if np.isfinite(value).all() else None
 
 
 def image(figure: Figure, n: int) -> str:
