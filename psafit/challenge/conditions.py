@@ -16,7 +16,7 @@ from psafit.arrays import FloatArray
 from psafit.challenge.answer import DrawnDesign
 from psafit.drives import TABLE, WAVEFORMS, Drive, Table
 from psafit.experiment import Constants, Experiment, Group, fingerprint
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES
+from psafit.observables import LAUNCH_RANGE, NUMBERED, OBSERVABLES
 from psafit.physics.term import Term
 
 # Streams of random numbers: of designs like the study's, of what departs from it, and of traces.
@@ -236,8 +236,7 @@ def _reads(rng: np.random.Generator, s: ConditionSettings, ranges: bool, causes:
     for cause in causes:
         if cause.after_launch and cause.shown_in.isdisjoint(names):
             names = (*names, cause.reads[0])
-    wanted = [o for o in OF_LAUNCHES if o.name in names or (ranges and o is LAUNCH_RANGE)]
-    return [k for k, o in enumerate(OBSERVABLES) if o in wanted]
+    return [k for k, o in NUMBERED if o.name in names or (ranges and o is LAUNCH_RANGE)]
 
 
 def _traces(rng: np.random.Generator, sweeps: Sequence[Group], s: ConditionSettings) -> list[Group]:

@@ -35,7 +35,7 @@ from psafit.diagnose.possible import Possible, TraceSettings, contact_times, pro
 from psafit.experiment import Constants
 from psafit.experiment.records import Conditions
 from psafit.inference import noise
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES
+from psafit.observables import LAUNCH_RANGE, NUMBERED, OBSERVABLES
 from psafit.physics.term import Term
 from psafit.records import ABSENT
 from psafit.simulate import Design, readings, simulate
@@ -434,8 +434,8 @@ def _others(
 ) -> list[_Other]:
     """What causes do where an observable that is not planned is read, of the same launches or along a trace."""
     measured, found = {k for g in groups for k in g.measured}, []
-    for k, o in enumerate(OBSERVABLES):
-        if o in OF_LAUNCHES and k not in measured:
+    for k, o in NUMBERED:
+        if k not in measured:
             also = Design.of(constants, [_reading_also(g, k) for g in groups])
             found.append(_Other(o.name, [Effects.at(also, theta, terms, settings).refitted() for theta in places]))
 

@@ -46,7 +46,7 @@ from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
 from psafit.model_search.model_set import ModelSet
 from psafit.model_search.visibility import VISIBLE
-from psafit.observables import OBSERVABLES, named, recorded_name
+from psafit.observables import OBSERVABLES, aside, recorded_name
 from psafit.parameters import broadened
 from psafit.physics.term import idle
 from psafit.simulate.sensitivity import plausible
@@ -235,8 +235,7 @@ def _where(misfit: Misfit) -> list[Where]:
         side = "too large" if p.log_bias > 0 else "too small"
         elsewhere = f"the prediction is {side}, as there in group {', '.join(map(str, together))}," if together else ""
         what = elsewhere or f"predictions {side}"
-        read = f", {named(p.observable).titles}" if p.observable else ""
-        text = f"group {group}, {' to '.join(ends)} {unit[p.variable]}{read}: {what} by a factor of"
+        text = f"group {group}, {' to '.join(ends)} {unit[p.variable]}{aside(p.observable)}: {what} by a factor of"
         text += f" {np.exp(abs(p.log_bias)):.2f} ({abs(p.score):.1f} standard deviations)"
         found.append(Where(group, p.variable, p.lower, p.upper, text, p.log_bias, p.score, together, p.observable))
 

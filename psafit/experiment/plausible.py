@@ -543,8 +543,7 @@ def traced_together(groups: Sequence[Group]) -> list[str]:
             continue
         if (first.drive, first.changed) != (second.drive, second.changed):
             continue
-        near = _shared(first.conditions[0, :2], second.conditions[:1, :2]) is not None
-        if near and np.array_equal(first.time_us, second.time_us):
+        if _of_one_condition(first, second) and np.array_equal(first.time_us, second.time_us):
             text = f"its times are those of group {first.id}; if both are of one launch, neither is new to a fit of the"
             found.append(one_line(f"{second.file}: group {second.id}: {text} other: give both to --group"))
     return found
@@ -682,11 +681,16 @@ def _shared(condition: FloatArray, others: FloatArray, near: float = 0.01) -> in
     return nearest if apart[nearest] <= near else None
 
 
+def _of_one_condition(first: Group, second: Group) -> bool:
+    """Whether two traces are, but for rounding."""
+    return _shared(first.conditions[0, :2], second.conditions[:1, :2]) is not None
+
+
 def _over_time(first: Group, second: Group, o: Observable, far: float = 0.5) -> list[float]:
     """Samples of the second trace over those of the first, of one condition, beyond `far` of what that reaches."""
     if any(g.time_us is None or g.observable is not o for g in (first, second)):
         return []
-    if _shared(first.conditions[0, :2], second.conditions[:1, :2]) is None:
+    if not _of_one_condition(first, second):
         return []
     mine, others = first.time_us, second.time_us
     assert mine is not None and others is not None

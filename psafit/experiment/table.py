@@ -17,7 +17,7 @@ from psafit.arrays import FloatArray
 from psafit.errors import Faults, InputError
 from psafit.experiment.records import CONDITION_COLUMNS, READING_COLUMNS, SIGMA_COLUMNS
 from psafit.experiment.text import listed, near_columns, read_text, shown
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, Observable
+from psafit.observables import LAUNCH_RANGE, NUMBERED, OF_LAUNCHES, Observable
 
 # Hard limits of each column, far beyond any rig, within which nothing overflows; a wrong unit is only warned of.
 LIMITS = {
@@ -148,7 +148,7 @@ def readings_of(columns: dict[str, FloatArray]) -> dict[str, Any]:
         Without `reading` where no cell holds one: such a file is a plan, of what its empty columns are, launch ranges
         without any.
     """
-    cells = [(k, o) for k, o in enumerate(OBSERVABLES) if o in OF_LAUNCHES and o.column in columns]
+    cells = [(k, o) for k, o in NUMBERED if o.column in columns]
     if not cells:
         sigma = {"sigma": columns["sigma_um"]} if "sigma_um" in columns else {}
         return {name: columns[name] for name in CONDITION_COLUMNS} | sigma

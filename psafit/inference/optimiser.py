@@ -120,11 +120,8 @@ class Optima:
 
 def log_posteriors(problem: Problem, u: FloatArray, predicted: FloatArray, observed: FloatArray) -> FloatArray:
     """Log posteriors of predictions that are known already; minus infinity outside the bounds. Shape (n,)."""
-    value = problem.log_prior(u)
-    inside = np.isfinite(value)
-    if inside.any():  # outside of its bounds a scatter may be none
-        own, at = np.broadcast_to(observed, predicted.shape)[inside], predicted[inside]
-        value[inside] += noise.log_density(own, at, problem.noise_values(u[inside]), problem.known_sigma).sum(axis=1)
+    scatter = problem.noise_values(np.clip(u, *problem.bounds.T))  # outside of its bounds it may be none
+    value = problem.log_prior(u) + noise.log_density(observed, predicted, scatter, problem.known_sigma).sum(axis=1)
     return np.where(np.isfinite(value), value, -np.inf)
 
 

@@ -88,8 +88,8 @@ class ProblemFitter:
         Where no start has reached a mode of the neighbour, theirs may lie behind a hop, too.
         """
         own, there = [model.content.candidate for model in known], origin.content.candidate
-        hops = origin.sampled and not there.starts.all()
-        tasks = [self._optimise(c.problem, (c, there), hops=hops) for c in own]
+        seed = self.seed if origin.sampled and not there.starts.all() else None
+        tasks = [self._optimise(c.problem, (c, there), seed=seed) for c in own]
         risen = []
         for model, end in zip(known, self._done(tasks, "fits from a neighbour's optimum"), strict=True):
             before = model.content.candidate
@@ -173,12 +173,12 @@ class ProblemFitter:
         terms = tuple(t for t in self.catalogue if t.id in ids)
         return replace(self.problem, terms=terms, tolerance=self.settings.short_tolerance)
 
-    def _optimise(self, problem: Problem, *pairs: tuple[Candidate, Candidate], hops: bool = False) -> Task:
-        """Optimise as long as a short fit does from the optima of both of two models, the second's first of all."""
+    def _optimise(self, problem: Problem, *pairs: tuple[Candidate, Candidate], seed: int | None = None) -> Task:
+        """Optimise as long as a short fit does from the optima of two models, the second's first; hop if seeded."""
         s, begun = self.settings, [[c.modes[0].tolist() for c in pair] for pair in pairs]
-        hopping = [self.seed, s.better] if hops else []
+        hopping = [] if seed is None else [seed, s.better]
         about = [s.carried_trial, s.carried_climbs, [[c.ids for c in pair] for pair in pairs], begun, *hopping]
-        return self._task("optimised", problem, about, _optimised, pairs, s, self.seed if hops else None)
+        return self._task("optimised", problem, about, _optimised, pairs, s, seed)
 
     def _looks(self, model: Known) -> list[Task]:
         """The first two looks for the modes of a model that is to be sampled."""

@@ -15,8 +15,10 @@ OBSERVABLES: tuple[Observable, ...] = (
     LAUNCH_RANGE, LAUNCH_SPEED, CONTACT_TIME, PEAK_FORCE, DISPLACEMENT, VELOCITY, TIP_DISPLACEMENT
 )  # fmt: skip
 """All observables; a reading's `measured` counts them from 0. New ones go behind: stored numbers keep their meaning."""
-OF_LAUNCHES = tuple(o for o in OBSERVABLES if not o.traced)
-"""Observables that are read of a launch as a whole."""
+NUMBERED = tuple((k, o) for k, o in enumerate(OBSERVABLES) if not o.traced)
+"""Observables that are read of a launch as a whole, with their numbers."""
+OF_LAUNCHES = tuple(o for _, o in NUMBERED)
+"""The same without."""
 
 
 def named(name: str | None) -> Observable:
@@ -29,7 +31,13 @@ def recorded_name(observable: Observable) -> str | None:
     return None if observable is LAUNCH_RANGE else observable.name
 
 
+def aside(name: str | None) -> str:
+    """``, launch speeds``, as a text says of a record's name what was read; nothing of the launch range."""
+    return next((f", {o.titles}" for o in OBSERVABLES if o.name == name), "")
+
+
 __all__ = [
-    "CONTACT_TIME", "DISPLACEMENT", "LAUNCH_RANGE", "LAUNCH_SPEED", "OBSERVABLES", "OF_LAUNCHES", "PEAK_FORCE",
-    "TIP_DISPLACEMENT", "VELOCITY", "Launches", "Motion", "Observable", "in_another_unit", "named", "recorded_name",
+    "CONTACT_TIME", "DISPLACEMENT", "LAUNCH_RANGE", "LAUNCH_SPEED", "NUMBERED", "OBSERVABLES", "OF_LAUNCHES",
+    "PEAK_FORCE", "TIP_DISPLACEMENT", "VELOCITY", "Launches", "Motion", "Observable", "aside", "in_another_unit",
+    "named", "recorded_name",
 ]  # fmt: skip

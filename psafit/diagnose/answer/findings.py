@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -297,19 +298,14 @@ class Sizes(Statement):
     verdict: VerdictWord
 
     def say(self, words: Words) -> str:
-        own, others = (self._by_cause(words, values) for values in (self.named, self.others))
+        own, others = (
+            _by_cause(words, [(owner(name) or "", sized(words, name, p)) for name, p in values])
+            for values in (self.named, self.others)
+        )
         if not (own and others):
             return words.put("Size, with 90 % interval: {}.", own or others)
         whose = "the next best" if self.verdict == "unexplained" else "the others"
         return words.put("Size, with 90 % interval: {}; of {}: {}.", own, whose, others)
-
-    @staticmethod
-    def _by_cause(words: Words, values: list[tuple[str, ParameterResult]]) -> str:
-        found: dict[str, list[str]] = {}
-        for name, p in values:
-            found.setdefault(owner(name) or "", []).append(sized(words, name, p))
-        each = (words.put("{} {}", words.cause(id), words.listed(texts)) for id, texts in found.items())
-        return words.joined("; ", each)
 
 
 @dataclass(frozen=True)
@@ -320,12 +316,9 @@ class BySession(Statement):
     sessions: list[SessionResult]
 
     def say(self, words: Words) -> str:
-        found: dict[str, list[str]] = {}
-        for s in self.sessions:
-            value = words.value(s.value.unit, s.value.median, s.value.interval)
-            found.setdefault(s.cause, []).append(words.put("{} in {}", value, words.groups([s.group])))
-        each = (words.put("{} {}", words.cause(id), words.listed(texts)) for id, texts in found.items())
-        return words.put("Session by session: {}.", words.joined("; ", each))
+        values = ((s, words.value(s.value.unit, s.value.median, s.value.interval)) for s in self.sessions)
+        texts = ((s.cause, words.put("{} in {}", value, words.groups([s.group]))) for s, value in values)
+        return words.put("Session by session: {}.", _by_cause(words, texts))
 
 
 @dataclass(frozen=True)
@@ -458,6 +451,15 @@ class TooWeak(Statement):
             for name, p in c.moved.items()
         )
         return words.put("{} With it, {}.", text, words.joined("; ", moved))
+
+
+def _by_cause(words: Words, texts: Iterable[tuple[str, str]]) -> str:
+    """What is said of each cause, in the order of the first of it."""
+    found: dict[str, list[str]] = {}
+    for id, text in texts:
+        found.setdefault(id, []).append(text)
+    each = (words.put("{} {}", words.cause(id), words.listed(own)) for id, own in found.items())
+    return words.joined("; ", each)
 
 
 def sized(words: Words, name: str, p: ParameterResult) -> str:

@@ -188,14 +188,8 @@ def _check_used(tables: Sequence[Table], options: Options, driven: Sequence[Grid
         place, column = counted[0]
         where = f"column {shown(column.headings[0])}" if column.headings else "--set amplitude_v"
         what = f"--volts {options.volts} is given, and {where} says {VOLTS[column.volts or 'peak']}"
-        faults.add(
-            InputError(
-                what,
-                f"leave out --volts, or correct {'the heading' if column.headings else '--set'}",
-                file=place.file,
-                line=place.header_line or 1,
-            )
-        )
+        remedy = f"leave out --volts, or correct {'the heading' if column.headings else '--set'}"
+        faults.add(InputError(what, remedy, file=place.file, line=place.header_line or 1))
     if not driven and not any(group.time_us is not None for group in groups):
         for name in (name for name, is_given in given.items() if is_given):
             faults.add(InputError(f"{name} is of traces, and no table is one", "leave it out"))

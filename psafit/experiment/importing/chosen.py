@@ -11,16 +11,14 @@ from psafit.experiment.drive_table import RECORDED, SETTING_LIMITS
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.headings import Condition, Heading
 from psafit.experiment.importing.layout import Head
-from psafit.experiment.importing.quantities import COLUMNS, Quantity, Volts
+from psafit.experiment.importing.quantities import COLUMNS, SIGMA, Quantity, Volts
 from psafit.experiment.importing.records import Options
 from psafit.experiment.importing.units import Unit
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.text import listed, shown
-from psafit.observables import OF_LAUNCHES
 
 WAVEFORM = "waveform"
-ERROR_OF = {o.sigma_column: o.column for o in OF_LAUNCHES}
-ERROR_FOR = {o.column: o.sigma_column for o in OF_LAUNCHES}
+ERROR_OF = {error: reading for reading, error in SIGMA.items()}
 """Column of the reading that each known error is of."""
 HELD = (*CONDITION_COLUMNS, *ERROR_OF)
 """What may be held, in the place of a column."""

@@ -87,7 +87,8 @@ _MEASURED = tuple(
     for o in OBSERVABLES
 )
 _READINGS, _TRACES = (tuple(q for q in _MEASURED if q.role == role) for role in ("reading", "trace"))
-_SIGMA = {o.column: o.sigma_column for o in OF_LAUNCHES}
+SIGMA = {o.column: o.sigma_column for o in OF_LAUNCHES}
+"""Column of the known error of each reading."""
 
 
 def _of(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -99,7 +100,7 @@ QUANTITIES = (
     Quantity("frequency_hz", "Hz", _FREQUENCIES, "condition", "drive"),
     Quantity("amplitude_v", "V", _TENSIONS, "condition", "drive"),
     *_READINGS,
-    *(Quantity(_SIGMA[r.column], r.unit, (*_ERRORS, *_of(r.names)), "error", "ball") for r in _READINGS),
+    *(Quantity(SIGMA[r.column], r.unit, (*_ERRORS, *_of(r.names)), "error", "ball") for r in _READINGS),
     Quantity(
         "bias_v", "V", ("bias", "offset", "dc offset", "dc bias", "offset voltage", "bias voltage"), "drive", "drive"
     ),

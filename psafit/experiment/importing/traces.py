@@ -137,20 +137,17 @@ def _too_few(
 
 def _check(grid: Grid, samples: Sequence[Reading], n_after: int, options: Options) -> None:
     """The samples of one trace are possible and in order; those kept, and those of a drive, are not too many."""
-    faults, last, kept = RowFaults(grid.file), -1.0, -1.0
-    for k, reading in enumerate(samples):
-        time = dict(reading.values)[TIME]
+    faults, times = RowFaults(grid.file), [dict(reading.values)[TIME] for reading in samples]
+    for k, (reading, time) in enumerate(zip(samples, times, strict=True)):
         try:
             possible(time, TIME, f"{time:g} us")
-            if time < last:
-                raise CellFault(*out_of_order(last, time))
-            if time == kept and k % options.every == 0:
+            if k and time < times[k - 1]:
+                raise CellFault(*out_of_order(times[k - 1], time))
+            if k and k % options.every == 0 and time == times[k - options.every]:
                 rounded = "of a rounded clock say --column HEADING=ignore and --step TIME"
                 raise CellFault(f"{time:g} comes twice", f"give each time once; {rounded}")
         except CellFault as fault:
             faults.add(TIME, fault.what, fault.remedy, reading.line)
-        last = time
-        kept = time if k % options.every == 0 else kept
     faults.end(len(samples))
     recorded = bool(samples) and VOLTAGE in dict(samples[0].values)
     n = n_after if recorded else -(-len(samples) // options.every)

@@ -14,7 +14,6 @@ from psafit.errors import InputError
 from psafit.experiment.drive_table import level
 from psafit.experiment.importing.chosen import (
     BIAS,
-    ERROR_FOR,
     ERROR_OF,
     IDLE,
     SETTINGS,
@@ -29,7 +28,7 @@ from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
 from psafit.experiment.importing.layout import Body, Head, names_condition, waveform
 from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, in_both
 from psafit.experiment.importing.over_time import OF_DAY
-from psafit.experiment.importing.quantities import COLUMNS, VOLTS, Volts, words
+from psafit.experiment.importing.quantities import COLUMNS, SIGMA, VOLTS, Volts, words
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.plausible import is_usual
 from psafit.experiment.records import CONDITION_COLUMNS
@@ -384,7 +383,7 @@ def _no_number(cell: Cell, text: str, column: Column, notation: Notation) -> tup
             f"{shown(text)} is no number with {shown(notation.decimal)} as decimal mark, as the others have",
             f"write all numbers in one way, or say --decimal {other.decimal}",
         )
-    if (known := ERROR_FOR.get(column.column)) and re.search(r"±|\+/?-", text):
+    if (known := SIGMA.get(column.column)) and re.search(r"±|\+/?-", text):
         return f"{shown(text)} is not a number", f"give the standard uncertainty a column of its own: {known}"
     unread = "; if it was not read, empty the cell, or delete the row if nothing was"
     return f"{shown(text)} is not a number", f"correct it{', or delete the row' if condition else unread}"

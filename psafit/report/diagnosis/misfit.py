@@ -17,7 +17,7 @@ from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.record.misfit import Where
 from psafit.diagnose.show import Corner, Growth, Offset
 from psafit.experiment import Experiment
-from psafit.observables import OBSERVABLES, named
+from psafit.observables import aside
 from psafit.report import figures
 from psafit.report.catalogue import declared, parameter
 from psafit.report.diagnosis import words
@@ -63,9 +63,8 @@ def where(places: Sequence[Where]) -> list[Markup]:
 def _place(w: Where) -> Markup:
     side = "too large" if w.log_bias > 0 else "too small"
     others = Markup("the prediction is {}, as there in {},").format(side, words.group_ids(w.together))
-    read = f", {named(w.observable).titles}" if w.observable else ""
     return Markup("<strong>Group {}</strong>: {}{}: {} by a factor of {} ({:.1f} standard deviations)").format(
-        w.group, words.span([w.start, w.to], shown_unit(UNITS[w.variable])), read,
+        w.group, words.span([w.start, w.to], shown_unit(UNITS[w.variable])), aside(w.observable),
         others if w.together else f"predictions {side}", factor(abs(w.log_bias)), abs(w.score),
     )  # fmt: skip
 
@@ -226,6 +225,6 @@ def session_rows(sessions: Sequence[Offset]) -> list[list[Any]]:
         apart = abs(math.log(middle)) > norm.ppf(0.995) / (2 * norm.ppf(0.95)) * math.log(high / low)
         badge = {"text": "differ", "kind": "warn"} if apart else {"text": "agree", "kind": "good"}
         where = count(s.n_conditions, "condition")
-        of = next((f", {o.titles}" for o in OBSERVABLES if o.name == s.observable), "")
-        rows.append([f"{s.second} over {s.first}{of}", where, f"×{middle:.2f}", f"×{low:.2f} to ×{high:.2f}", badge])
+        pair = f"{s.second} over {s.first}{aside(s.observable)}"
+        rows.append([pair, where, f"×{middle:.2f}", f"×{low:.2f} to ×{high:.2f}", badge])
     return rows
