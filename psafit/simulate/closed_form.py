@@ -359,11 +359,17 @@ def _residues(roots, least):  # type: ignore[no-untyped-def]
     return pole, weight, close
 
 
+@compiled(inside=True)
+def _modulus(z):  # type: ignore[no-untyped-def]
+    """Modulus of a number whose square neither overflows nor vanishes, without the guards of `abs`."""
+    return math.sqrt(z.real * z.real + z.imag * z.imag)
+
+
 @compiled(borrows=True)
 def _tabulate(place, amplitude, n, table):  # type: ignore[no-untyped-def]
     """What the march needs of each mode, in real numbers, so that no modulus is taken twice."""
     for k in range(n):
-        modulus, rate = abs(amplitude[k]), abs(place[k])
+        modulus, rate = _modulus(amplitude[k]), _modulus(place[k])
         table[k, 0], table[k, 1] = place[k].real, place[k].imag
         table[k, 2], table[k, 3] = amplitude[k].real, amplitude[k].imag
         table[k, 4], table[k, 5], table[k, 6] = modulus, modulus * rate**2, modulus * rate**3
@@ -515,8 +521,8 @@ def _aside(s, drive, apart=1e-7):  # type: ignore[no-untyped-def]
 
     It costs the square of (cycles in contact x this), and eps over it.
     """
-    shift = apart * abs(drive)
-    return drive - shift if abs(s - drive) < shift else s
+    shift = apart * _modulus(drive)
+    return drive - shift if _modulus(s - drive) < shift else s
 
 
 @compiled(borrows=True)
@@ -524,7 +530,7 @@ def _start(place, amplitude, n, order, lowest):  # type: ignore[no-untyped-def]
     """Time until which the indentation is positive for sure, its first derivative that does not vanish being given."""
     bound = 0.0
     for k in range(n):
-        bound += abs(amplitude[k]) * abs(place[k]) ** (order + 1)
+        bound += _modulus(amplitude[k]) * _modulus(place[k]) ** (order + 1)
     return (order + 1) * lowest / bound
 
 
@@ -574,17 +580,15 @@ def _leading(da, db, dC, omega, reach):  # type: ignore[no-untyped-def]
 
 @compiled(inside=True)
 def _answer(s, value, da, db, dC, omega):  # type: ignore[no-untyped-def]
-    """Laplace transform at `s` of a change of the command: its level, slope and phasor change by so much.
+    """`s` times the Laplace transform of a change of the command: its level, slope and phasor change by so much.
 
     What is fast compared with the drive sees the level and the swing's value together, and the two may cancel.
     """
-    found = db / (s * s) if db != 0.0 else 0j
-    if omega == 0.0:
-        return found + da / s
+    found = db / s if db != 0.0 else 0j
     below = s * s + omega * omega
-    if abs(s) > omega:
-        return found + value / s + (omega * dC.real - omega * omega * dC.imag / s) / below
-    return found + da / s + (omega * dC.real + s * dC.imag) / below
+    if _modulus(s) > omega:
+        return found + value + omega * (dC.real * s - omega * dC.imag) / below
+    return found + da + s * (omega * dC.real + s * dC.imag) / below
 
 
 @compiled(borrows=True)
@@ -680,12 +684,14 @@ def _commanded(rows, point, row, k, phase, now):  # type: ignore[no-untyped-def]
     anchor, end, level, slope, swing, psi = command(rows, point, row, k, phase)
     if slope != 0.0:
         level += slope * (now - anchor)
-    angle = psi + point[OMEGA] * now
-    phasor = swing * complex(math.cos(angle), math.sin(angle)) if swing != 0.0 else 0j
+    phasor = 0j
+    if swing != 0.0:
+        angle = psi + point[OMEGA] * now
+        phasor = complex(swing * math.cos(angle), swing * math.sin(angle))
     return end, level, slope, phasor
 
 
-@compiled(borrows=True)
+@compiled(inside=True)
 def _at_rest(modes, drive, work):  # type: ignore[no-untyped-def]
     """Write the poles of some modes, at rest, and their answers to a level.
 
@@ -704,8 +710,10 @@ def _at_rest(modes, drive, work):  # type: ignore[no-untyped-def]
         place[n] = drive
         for _ in range(zeros):
             steady *= drive
+        product = 1.0 + 0j
         for k in range(len(roots)):
-            steady /= drive - _aside(roots[k], drive)
+            product *= drive - _aside(roots[k], drive)
+        steady /= product
     level = slope = 0.0
     if zeros == 0:  # of s in the numerator
         product, level = 1.0 + 0j, lead
@@ -735,7 +743,7 @@ def _struck(modes, tip, rate, bend, n, work):  # type: ignore[no-untyped-def]
         amplitude[j] = by_level[j] * s * state / lead
 
 
-@compiled(borrows=True)
+@compiled(inside=True)
 def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     contact, tip, rows, point, phase, lift, pressed, horizon, waiting, again, placed, forced, spring, damper, work,
     moments, seen, accuracy=1e-9,
@@ -791,7 +799,7 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
         for j in range(n_modes):
             amplitude[j] *= grow[j]
             if swings:
-                amplitude[j] += by_level[j] * _answer(place[j], value, da, db, dC, point[OMEGA]) * place[j]
+                amplitude[j] += by_level[j] * _answer(place[j], value, da, db, dC, point[OMEGA])
             else:
                 amplitude[j] += by_level[j] * da
                 if db != 0.0:
@@ -845,15 +853,20 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
             continue
         if placed:
             twice += once * reached + _twice(place, amplitude, n, reached)
-        once += _impulse(place, amplitude, n, reached)
         if forced and not behind:
             top = _highest(place, amplitude, n, reached, spring, damper, force, table, top)
         if not math.isinf(t):
+            once += _impulse(place, amplitude, n, reached)
             found = now + t if rounded * (now + t - start) <= accuracy * once else -1.0
             return found, once, twice, top
         if end > until:
             return math.inf, once, twice, top
         before = _grown(place, n_modes, span, before, end, grow, growth)
+        if swings:
+            once += _impulse(place, amplitude, n, reached)
+        else:
+            for j in range(n):
+                once += (amplitude[j] * growth[j]).real
         a, b = level + slope * span, slope
         angle = point[OMEGA] * span
         C = phasor * complex(math.cos(angle), math.sin(angle)) if swings else 0j
