@@ -557,8 +557,7 @@ def _rows(group: Group) -> FloatArray:
 def disagreeing_groups(groups: Sequence[Group], least: float = 1.37) -> list[str]:
     """One line for each two groups whose readings differ by a factor where they share conditions.
 
-    Readings are of observables that grow with the voltage. Of two traces of one condition they are samples at the same
-    times.
+    Of two traces of one condition these are samples at the same times.
 
     Parameters
     ----------
@@ -569,7 +568,7 @@ def disagreeing_groups(groups: Sequence[Group], least: float = 1.37) -> list[str
     """
     found = []
     for first, second in itertools.combinations(groups, 2):
-        if (first.drive, first.changed) != (second.drive, second.changed):
+        if first.changed != second.changed or not _of_one_drive(first.drive, second.drive):
             continue
         for o in OBSERVABLES:
             ratios = _over_time(first, second, o) if o.traced else _of_launches(first, second, o)
@@ -579,8 +578,13 @@ def disagreeing_groups(groups: Sequence[Group], least: float = 1.37) -> list[str
                 continue
             places = "sample" if o.traced else "condition"
             places = f"one shared {places}" if len(ratios) == 1 else f"{len(ratios)} shared {places}s"
-            text = f"{o.titles if o.traced else o.plural} are {ratio:.3g} times those of group {first.id} at {places}"
-            asked = "is the sign of one of them turned?" if ratio < 0 else _factor_asked(factor, first.drive)
+            text = f"{o.titles} are {ratio:.3g} times those of group {first.id} at {places}"
+            if ratio < 0:
+                asked = "is the sign of one of them turned?"
+            elif o.grows:
+                asked = _factor_asked(factor, first.drive)
+            else:
+                asked = "is one of them in another unit, or counted from another moment?"
             found.append(one_line(f"{second.file}: group {second.id}: {text}; {asked}"))
     return found
 
@@ -666,7 +670,7 @@ def _factor_asked(factor: float, drive: Drive) -> str:
 
 def _of_launches(first: Group, second: Group, o: Observable) -> list[float]:
     """Readings of the second group over those of the first, at conditions that they share."""
-    mine, others = (_means(g, o) if o.grows else {} for g in (first, second))
+    mine, others = (_means(g, o) for g in (first, second))
     if not (mine and others):
         return []
     there, values = np.array([*others]), [*others.values()]
@@ -679,6 +683,16 @@ def _shared(condition: FloatArray, others: FloatArray, near: float = 0.01) -> in
     apart = (np.abs(others - condition) / np.maximum(np.abs(condition), 1e-300)).max(axis=1)
     nearest = int(np.argmin(apart))
     return nearest if apart[nearest] <= near else None
+
+
+def _of_one_drive(first: Drive, second: Drive, near: float = 0.05) -> bool:
+    """Whether two drives are the same; voltages that were recorded, but for this part of the largest, as a rule."""
+    one, two = first.table, second.table
+    if one is None or two is None or not (one.recorded and two.recorded) or first.idle_v != second.idle_v:
+        return first == second
+    apart = np.interp(one.at, two.at, two.value) - one.value
+    largest = max(np.abs(one.value).max(), np.abs(two.value).max())
+    return bool(abs(two.at[-1] - one.at[-1]) <= near * one.at[-1] and np.median(np.abs(apart)) <= near * largest)
 
 
 def _of_one_condition(first: Group, second: Group) -> bool:

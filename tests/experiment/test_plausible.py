@@ -204,10 +204,10 @@ def test_readings_that_grow_are_not_named_for_launches_that_failed(tmp_path: Pat
 
 @pytest.mark.parametrize(("column", "plural"), [("launch_speed_mm_s", "speeds"), ("peak_force_n", "forces")])
 def test_groups_whose_speeds_or_forces_differ_are_named(column: str, plural: str, tmp_path: Path) -> None:
-    """A time does not grow with the voltage."""
+    """A time does not grow with the voltage: one that is about the same is right at twice as many volts."""
     toml = TOML.replace('waveform = "square"', 'waveform = "sine"')
     header = f"frequency_hz,amplitude_v,{column},contact_time_us\n"
-    warnings = read_experiment(write(tmp_path, toml, f"{header}1200,20,0.5,200\n", f"{header}1200,20,1,90\n")).warnings
+    warnings = read_experiment(write(tmp_path, toml, f"{header}1200,20,0.5,200\n", f"{header}1200,20,1,190\n")).warnings
     assert len(warnings) == 1
     said = f"{plural} are 2 times those of group 1 at one shared condition; are volts of one of them peak"
     assert said in warnings[0]
@@ -316,6 +316,33 @@ def test_traces_of_one_condition_that_differ_are_named(factor: float, said: str,
     other = TWICE.replace("amplitude_v = 20", "amplitude_v = 10", 1)
     warnings = read_experiment(write(tmp_path, other, a=traced(1), b=traced(factor, step=15))).warnings
     assert not any("those of group" in w for w in warnings)
+
+
+@pytest.mark.parametrize(
+    ("factor", "asked"),
+    [(1e3, "contact times are 1e+03 times those of group 1 at one shared condition; is one of them in another unit, or"
+           " counted from another moment?"), (1.2, "")],
+)  # fmt: skip
+def test_contact_times_are_compared_but_volts_explain_none(factor: float, asked: str, tmp_path: Path) -> None:
+    toml = TOML.replace('waveform = "square"', 'waveform = "sine"')
+    head = "frequency_hz,amplitude_v,contact_time_us\n"
+    csv = [f"{head}1200,20,{150 * times:g}\n{f},20,{130 * times:g}\n" for f, times in ((1300, 1.0), (1400, factor))]
+    warnings = read_experiment(write(tmp_path, toml, *csv)).warnings
+    assert [asked in w for w in warnings if "those of group" in w] == [True] * bool(asked)
+
+
+@pytest.mark.parametrize(("noise", "length", "asked"), [(0.2, 1.0, True), (0.0, 1.5, False), (6.0, 1.0, False)])
+def test_recordings_of_one_drive_differ_by_noise(noise: float, length: float, asked: bool, tmp_path: Path) -> None:
+    """Noise of a hundredth leaves it one drive; another length, or a third of the largest voltage, does not."""
+    toml = TOML.replace('waveform = "square"', 'waveform = "sine"')
+    csv = [HEADER + f"1200,20,{reading}\n1300,20,45\n" for reading in (50, 100)]
+    rng = np.random.default_rng(1)
+    for name, to, scale in (("a", 1.0, 0.0), ("b", length, noise)):
+        toml = toml.replace(f'"sine"\nfile = "{name}.csv"', f'"table"\ndrive = "{name}-u.csv"\nfile = "{name}.csv"')
+        rows = [f"{1000 * to * k / 50:g},{20 * np.sin(k / 8) + scale * rng.normal():.5g}" for k in range(51)]
+        (tmp_path / f"{name}-u.csv").write_text("\n".join(["time_us,voltage_v", *rows]) + "\n")
+    warnings = read_experiment(write(tmp_path, toml, csv[0], csv[1].replace("1300", "1400"))).warnings
+    assert any("2 times those of group 1" in w for w in warnings) is asked
 
 
 @pytest.mark.parametrize(("keys", "asked"), [("bias_v = 10", True), ("bias_v = 10\nidle_v = 0", False)])
