@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mpmath import mp
 from rigs import RIG, TRUTH
 
 from psafit.arrays import FloatArray
@@ -104,6 +105,27 @@ def test_both_engines_and_the_reference_agree(kind: str) -> None:
     assert np.allclose(stepped.launch_range, closed.launch_range, rtol=STEPPED, atol=1e-16)
     reference = Draw(Point(drive, 700.0, 12.0), TRUTH.tolist()).reference()
     assert closed.launch_range[0, 0] == pytest.approx(reference, rel=CLOSED, abs=1e-18)
+
+
+def test_an_overdamped_contact_on_a_ramp_ends_where_that_turns() -> None:
+    """By matrix exponentials of sixty digits: the indentation is positive until then, however small."""
+    f, volt, theta = 54.74, 14.42, [2.4e6, 1378.0, 623.0]
+    k_c, c_s, c_c = theta
+    with mp.workdps(60):
+        motion = mp.matrix(6, 6)  # of tip, its speed, ball, its speed, voltage, one
+        motion[0, 1] = motion[2, 3] = 1
+        for row, mass, sign in ((1, RIG.m, -1), (3, RIG.M, 1)):
+            for column, value in enumerate((k_c, c_c, -k_c, -c_c)):
+                motion[row, column] = sign * mp.mpf(value) / mp.mpf(mass)
+        for column, value in ((0, -RIG.k_s), (1, -c_s), (4, RIG.k_s * RIG.q)):
+            motion[1, column] += mp.mpf(value) / mp.mpf(RIG.m)
+        motion[4, 5] = 2 * mp.mpf(f) * mp.mpf(volt)
+        rest = mp.matrix([0, 0, 0, 0, 0, 1])
+        for part in (0.1, 0.5, 0.9, 0.999):
+            state = mp.expm(motion * (part / (2 * mp.mpf(f)))) * rest
+            assert 0 < state[0] - state[2] < 1e-9
+    found = simulate(Design.sweep(RIG, "unipolar_triangle", f, volt), theta)
+    assert found.separation_time[0, 0] == pytest.approx(0.5 / f, rel=1e-7)
 
 
 def drawn_back(rng: np.random.Generator) -> dict[str, Drive]:
