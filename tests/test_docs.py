@@ -602,6 +602,23 @@ def test_every_page_is_in_the_navigation() -> None:
     assert set(listed) == {p.relative_to(DOCS).as_posix() for kind in ("md", "ipynb") for p in DOCS.rglob(f"*.{kind}")}
 
 
+def lost_items(text: str) -> list[str]:
+    """Items of lists that follow an indented paragraph at once, and would be rendered as more of it."""
+    lines = text.splitlines()
+    found = []
+    for k, line in enumerate(lines):
+        if re.match(r"(\d+\.|-) ", line):
+            begin = next((i + 1 for i in range(k - 1, -1, -1) if not lines[i].strip()), 0)
+            found += [line] if lines[begin].startswith(" ") else []
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_no_item_of_a_list_is_lost_in_a_paragraph(page: Path) -> None:
+    assert not lost_items(expanded(page))
+    assert lost_items("1. One.\n\n    More of it.\n2. Two.\n") == ["2. Two."]
+
+
 @pytest.mark.slow
 def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path: Path) -> None:
     """Where the docs' libraries are installed (`make docs`); what it alone would find is a broken docstring."""
