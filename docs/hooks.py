@@ -18,6 +18,7 @@ from nbconvert import MarkdownExporter
 _LATEX = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', flags=re.DOTALL)
 # The dash before a description that is not there.
 _DASH = re.compile(r'–(\s*<div class="doc-md-description">\s*</div>)')
+_CELL, _LONG = re.compile(r"<td[^>]*>.*?</td>", flags=re.DOTALL), re.compile(r"(?<=<code>)[^<]{31,}(?=</code>)")
 _FUNCTIONS = "sin|cos|tan|sech|arcsin|asinh|ln|exp|max|min|Re"
 # The spaces TeX would set, and characters that browsers do not derive from an attribute.
 _SETTING = (
@@ -108,5 +109,6 @@ def on_config(config: Any) -> Any:
 
 
 def on_page_content(content: str, /, **_: Any) -> str:
-    """Tidy what mkdocstrings wrote."""
-    return _DASH.sub(r"\1", content)
+    """Tidy what mkdocstrings wrote; long names in tables may be broken at their underscores."""
+    content = _DASH.sub(r"\1", content)
+    return _CELL.sub(lambda cell: _LONG.sub(lambda name: name[0].replace("_", "_<wbr>"), cell[0]), content)
