@@ -261,7 +261,7 @@ def _columns_text(table: Table) -> list[str]:
         at_rest = f" from {g.drive.idle_v:.4g} V" if g.drive.idle_v else ""
         phase = f" at {g.drive.phase_deg:g} degrees" if g.drive.phase_deg else ""
         lasts = f" for {g.drive.cycles:g} periods" if g.drive.cycles < math.inf else ""
-        named = f" ({label!r})" if label else ""
+        named = f" ({label!r})" if label and label != str(g.id) else ""
         lines.append(f"  group {g.id}{named}: {drive}{bias}{at_rest}{phase}{lasts}, {read}, {g.file}")
     return lines
 

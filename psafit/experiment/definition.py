@@ -6,6 +6,7 @@ import math
 import re
 import stat
 import tomllib
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -64,6 +65,15 @@ _HEADER = re.compile(r"\s*(\[\[?)([^\[\]#]+)\]")
 _KEY = re.compile(r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*[\w-]+)*)\s*=""")
 _COMMA = re.compile(r"""(?:^|[{,])\s*([\w."'-]+)\s*=\s*([+-]?\d+),(\d+(?:[eE][+-]?\d+)?)\s*(?=$|[,}#])""")
 _ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,31}")
+
+
+def id_of(label: str) -> GroupId | None:
+    """The id of a group that a label comes to, accents and blanks aside; None where it comes to none."""
+    plain = unicodedata.normalize("NFKD", label).encode("ascii", "ignore").decode()
+    text = re.sub(r"[^A-Za-z0-9_-]+", "_", plain).strip("_-")
+    if text.isdigit():
+        return int(text) if str(int(text)) == text and int(text) <= MAX_ID else None
+    return text if _ID.fullmatch(text) else None
 
 
 def _key_lines(text: str) -> dict[tuple[str | int, ...], int]:

@@ -640,8 +640,9 @@ def _scales(first: Group, second: Group, near: float) -> tuple[dict[str, float],
     )
     if not (np.array_equal(one[0], two[0]) and one[3].any() and one[2].all() and two[2].all()):
         return {}, np.empty((2, 0))
-    ratios = {name: two[k] / one[k] for k, name in ((1, "frequencies"), (2, "amplitudes"))}
-    steady = all(float(np.ptp(each)) <= near * float(each.min()) for each in ratios.values())
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite ratios are steady in nothing
+        ratios = {name: two[k] / one[k] for k, name in ((1, "frequencies"), (2, "amplitudes"))}
+        steady = all(float(np.ptp(each)) <= near * float(each.min()) for each in ratios.values())
     scales = {name: float(np.median(each)) for name, each in ratios.items()} if steady else {}
     return scales, np.array([one[3], two[3]])
 

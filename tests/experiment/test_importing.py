@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 from dataclasses import replace
 from datetime import date
 from decimal import Decimal
@@ -310,6 +311,32 @@ def test_a_column_of_labels_over_blocks_of_rows_is_proposed_as_groups(
     assert not ignored.labelled
 
 
+@pytest.mark.parametrize(
+    ("labels", "ids"),
+    [
+        (["Montag früh", "Di., 3.11."], ["Montag_fruh", "Di_3_11"]),
+        (["12", "7"], [12, 7]),
+        (["01", "02"], [1, 2]),  # no number as it would be written: they are counted
+        (["A b", "A-b", "A.b"], [1, 2, 3]),  # two come to the same
+        (["A", "µ?"], [1, 2]),
+        (["x" * 33, "y"], [1, 2]),
+    ],
+)
+def test_groups_are_called_by_their_labels(
+    labels: list[str], ids: list[int | str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{label};{f};20;76\n" for label in labels for f in (1200, 1300))
+    write(Path("a.csv"), f"Day;f (Hz);Vp;Range (um)\n{rows}")
+    given = ["--waveform", "sine", "--column", "Day=group", "--out", "rig"]
+    assert run(monkeypatch, "import", "a.csv", *given) == 0
+    text = Path("rig", "experiment.toml").read_text("utf-8")
+    assert re.findall(r"^\[\[group\]\].*\nid = (.*)$", text, re.MULTILINE) == [json.dumps(i) for i in ids]
+    assert [f"# {label}\n" in text for label in labels] == [
+        label != str(i) for label, i in zip(labels, ids, strict=True)
+    ]
+
+
 @pytest.mark.parametrize(("volts", "several"), [("20", False), ("40", True)])
 def test_sweeps_that_have_become_one_group_are_asked_about(
     volts: str, several: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -335,10 +362,9 @@ def test_an_import_prints_its_labels_and_proposes_what_new_does(
     assert run(monkeypatch, "new", "begun") == 0
     written, begun = (Path(folder, "experiment.toml").read_text("utf-8") for folder in ("rig", "begun"))
     assert run(monkeypatch, "import", "a.csv", *given[:-1], "parted", "--column", "Day 1=group") == 0
-    labels = [label for label, _ in LABELLED]
-    for number, label in enumerate(dict.fromkeys(labels), 1):
-        assert f"  group {number} ({label!r}): sine at -30 degrees" in (printed := printed + capsys.readouterr().out)
-        assert f"[[group]] # {label}\nid = {number}\n" in Path("parted", "experiment.toml").read_text("utf-8")
+    for label in dict.fromkeys(label for label, _ in LABELLED):
+        assert f"  group {label}: sine at -30 degrees" in (printed := printed + capsys.readouterr().out)
+        assert f'[[group]]\nid = "{label}"\n' in Path("parted", "experiment.toml").read_text("utf-8")
     for table in ("rig", "limits"):
         (block,) = (part for part in begun.split("\n\n") if f"# [{table}]\n" in part)
         assert f"\n\n{block}\n\n" in written

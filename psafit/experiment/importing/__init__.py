@@ -19,6 +19,7 @@ import numpy as np
 
 from psafit.drives import NAMES, TABLE, Drive
 from psafit.errors import Faults, InputError
+from psafit.experiment.definition import id_of
 from psafit.experiment.drive_table import PERIOD, RECORDED, read_drive
 from psafit.experiment.importing.chosen import ERROR_OF, HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
 from psafit.experiment.importing.columns import choose, choose_recording
@@ -79,7 +80,7 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
     Returns
     -------
     list of Table
-        One a file, or a sheet; the ids of their groups count from 1.
+        One a file, or a sheet. The ids of their groups are their labels, or count from 1.
 
     Raises
     ------
@@ -118,7 +119,17 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
             tables.append(_readable(understood, _content))
     faults.end()
     _check_used(tables, options, [grid for grid, *_ in driven])
+    tables = _named(tables)
     return _driven(tables, *kept) if kept else tables
+
+
+def _named(tables: list[Table]) -> list[Table]:
+    """Tables whose groups have their labels as ids, if each has one of its own that can be an id."""
+    ids = [id_of(label) for table in tables for _, label in table.labelled_groups]
+    if None in ids or len(set(ids)) < len(ids):
+        return tables
+    next_id = iter(ids)
+    return [replace(t, groups=tuple(replace(g, id=next(next_id)) for g in t.groups)) for t in tables]
 
 
 def _driven(tables: Sequence[Table], kept: Drive, whole: Drive, recording: Table) -> list[Table]:
