@@ -125,8 +125,9 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
 
 def _named(tables: list[Table]) -> list[Table]:
     """Tables whose groups have their labels as ids, if each has one of its own that can be an id."""
-    ids = [id_of(label) for table in tables for _, label in table.labelled_groups]
-    if None in ids or len(set(ids)) < len(ids):
+    labels = [label for table in tables for _, label in table.labelled_groups]
+    ids = dict.fromkeys(known for label in labels if (known := id_of(label)) is not None)
+    if len(ids) < len(labels):
         return tables
     next_id = iter(ids)
     return [replace(t, groups=tuple(replace(g, id=next(next_id)) for g in t.groups)) for t in tables]
