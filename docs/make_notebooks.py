@@ -33,8 +33,9 @@ def executed(notebook: Path, folder: Path, seconds: int = 1800, prelude: str = "
     environment = os.environ | {"PATH": os.pathsep.join(paths)}
     environment.pop("MPLBACKEND", None)  # figures go into the notebook
     client = NotebookClient(
-        book, timeout=seconds, kernel_name="python3", resources={"metadata": {"path": str(place)}}, record_timing=False
-    )
+        book, timeout=seconds, kernel_name="python3", resources={"metadata": {"path": str(place)}}, record_timing=False,
+        coalesce_streams=True,
+    )  # fmt: skip
     client.execute(env=environment)
     if prelude:
         del book.cells[0]
