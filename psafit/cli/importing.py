@@ -19,6 +19,7 @@ from psafit.text import count
 if TYPE_CHECKING:
     from psafit.experiment.importing import Imported, Mapping, Table
     from psafit.experiment.importing.quantities import Volts
+    from psafit.experiment.importing.records import Held
 
 _VOLTS = ("peak", "pp", "rms")
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank": " ", "blanks": "  "}
@@ -173,7 +174,7 @@ def _mapping(text: str) -> Mapping:
 
 def _values(
     given: Sequence[str],
-) -> tuple[dict[str, float], tuple[tuple[str, float | tuple[float, ...]], ...], tuple[Volts, ...]]:
+) -> tuple[dict[str, float], tuple[tuple[str, Held], ...], tuple[Volts, ...]]:
     """Constants and conditions that ``--set`` gives, in SI and psafit's units; of several tables a condition each.
 
     How volts of the amplitude are counted comes last.
@@ -184,7 +185,7 @@ def _values(
     from psafit.experiment.text import did_you_mean, listed, shown
 
     constants: dict[str, float] = {}
-    held: dict[str, float | tuple[float, ...]] = {}
+    held: dict[str, Held] = {}
     volts: tuple[Volts, ...] = ()
     known = (*CONSTANT_UNITS, *SETTABLE)
     for text in given:
@@ -198,7 +199,9 @@ def _values(
         if name in CONSTANT_UNITS:
             constants[name] = value(name, number, place)
         else:
-            held[name] = tuple(value(name, part.strip(), place) for part in number.split(","))
+            parts = [part.strip() for part in number.split(",")]
+            some = any(parts)  # a table that has none is left blank
+            held[name] = tuple(value(name, part, place) if part or not some else None for part in parts)
             volts = tuple(map(counted, number.split(","))) if name == "amplitude_v" else volts
     return constants, tuple(held.items()), volts
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -218,6 +219,44 @@ def test_a_column_of_waveforms_next_to_a_drive_is_to_be_left_out(tmp_path: Path)
         read_files([tmp_path / "sweep.csv"], given)
     (table,) = read_files([tmp_path / "sweep.csv"], replace(given, columns=(Mapping("Signal", "ignore"),)))
     assert table.groups[0].drive.table is not None
+
+
+def test_a_trace_keeps_the_drive_that_was_recorded_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """--drive is that of the tables that have none; the file of the trace may be it, too."""
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.csv").write_text("f (kHz);Vp;Range (um)\n1,2;40;76\n1,3;40;75\n", encoding="utf-8")
+    Path("other.csv").write_text(scope(), encoding="utf-8")
+    for heading in ("CH1 (V)", "Drive (V)"):
+        rows = "".join(f"{5 * k};{k / 2:g};{k * k}\n" for k in range(30))
+        Path("scope.csv").write_text(f"Time (us);{heading};CH2 (mV)\n{rows}", encoding="utf-8")
+        held = ["--set", "frequency_hz=,1.2:kHz", "--set", "amplitude_v=,20", "--start", "0:us", *RIG]
+        mapped = ["--column", "CH2 (mV)=velocity_mm_s:5mm/s/V", "--column", f"{heading}=voltage_v:2V/V"]
+        for drive in ("scope.csv", "other.csv"):
+            words = ["import", "sweep.csv", "scope.csv", "--drive", drive, *held, "--out", f"{heading[0]}-{drive[:-4]}"]
+            if (heading, drive) == ("Drive (V)", "other.csv"):
+                assert run(monkeypatch, *words, *mapped[:2]) == 2
+                said = capsys.readouterr().err
+                assert "column 'Drive (V)' is the drive over time, and --drive gives another; say --column" in said
+                assert "if it is that of this trace, or --column 'Drive (V)=ignore'" in said
+            assert run(monkeypatch, *words, *(mapped if drive == "scope.csv" else mapped[:2] + mapped[2:])) == 0
+            launches, trace = read_experiment(words[-1]).groups
+            own = trace.drive.table
+            assert own is not None and own.value.tolist() == [float(k) for k in range(30)]
+            assert launches.drive.table is not None
+            assert (launches.drive.table.value.tolist() == own.value.tolist()) is (drive == "scope.csv")
+
+
+def test_what_was_held_may_be_blank_for_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in "ab":
+        Path(f"{name}.csv").write_text("f (kHz);Vp;Range (um)\n1,2;40;76\n1,3;40;75\n", encoding="utf-8")
+    words = ["import", "a.csv", "b.csv", "--waveform", "sine", *RIG]
+    assert run(monkeypatch, *words, "--set", "cycles=,3", "--out", "rig") == 0
+    assert [g.drive.cycles for g in read_experiment("rig").groups] == [math.inf, 3.0]
+    assert run(monkeypatch, *words, "--set", "cycles=,", "--out", "none") == 2
+    assert run(monkeypatch, *words, "--set", "cycles=,3,", "--out", "none") == 2
 
 
 def test_one_period_in_psafits_own_form_is_the_drive(tmp_path: Path) -> None:

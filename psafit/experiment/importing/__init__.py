@@ -52,7 +52,7 @@ from psafit.experiment.importing.values import Reading, groups_of, known_wavefor
 from psafit.experiment.records import CONDITION_COLUMNS, Group
 from psafit.experiment.table import CellFault, headed, readings_of
 from psafit.experiment.text import did_you_mean, listed, shown
-from psafit.experiment.trace_table import TIME
+from psafit.experiment.trace_table import TIME, TRACES
 from psafit.files import read_bytes
 from psafit.observables import OF_LAUNCHES
 
@@ -98,7 +98,8 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
     faults.end()
     driven = _recordings(options.drive_file, options) if options.drive_file and not period else []
     sheets = {(grid.file, grid.sheet) for grid, *_ in driven}
-    found = [tries for tries in found if (tries[0][0].file, tries[0][0].sheet) not in sheets] or found
+    apart = [tries for tries in found if (tries[0][0].file, tries[0][0].sheet) not in sheets or _moves(tries, options)]
+    found = apart or found
     _check_mappings([*(one for tries in found for one in tries), *((grid, head) for grid, head, _ in driven)], options)
     kept: tuple[Drive, Drive, Table] | None = None
     if period:
@@ -121,6 +122,11 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
     _check_used(tables, options, [grid for grid, *_ in driven])
     tables = _named(tables)
     return _driven(tables, *kept) if kept else tables
+
+
+def _moves(tries: Sequence[tuple[Grid, Head]], options: Options) -> bool:
+    """Whether a column of a table is said to be a trace, so that it is more than the drive of other tables."""
+    return any(m.column in TRACES and names(m, head.headings) for _, head in tries for m in options.columns)
 
 
 def _named(tables: list[Table]) -> list[Table]:
@@ -343,7 +349,8 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
     faults = Faults()
     given = options.waveforms
     if len(given) > 1 and len(given) != len(found):
-        raise InputError(f"{len(given)} waveforms for {len(found)} tables", "give one, or one for each")
+        apart = f", for {shown(options.drive_file.name)} is the drive alone" if options.drive_file else ""
+        raise InputError(f"{len(given)} waveforms for {len(found)} tables{apart}", "give one, or one for each")
     for name in (name for name in given if name != TABLE):
         with faults.kept():
             try:

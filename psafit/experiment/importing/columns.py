@@ -83,7 +83,13 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
         _check_unnamed(grid, head, found, faults)
     faults.end()
     said = {c.column for c in found if c.mapped}
-    given = (VOLTAGE,) if options.drive_file else ()  # in a file of its own
+    own = [c for c in found if c.column == VOLTAGE] if traced and options.drive_file else []
+    for c in (c for c in own if not c.mapped):
+        what = f"column {c.name} is the drive over time, and --drive gives another"
+        remedy = f"say {as_drive(c, plain=True)} if it is that of this trace, or {option(c.option, IGNORED)}"
+        faults.add(fault(grid, head, what, remedy))
+    faults.end()
+    given = (VOLTAGE,) if options.drive_file and not own else ()  # in a file of its own
     used = [c for c in found if c.column not in ("", IGNORED, *given) and (c.mapped or c.column not in said)]
     roles = ("condition", "time", "trace", "recording") if traced else ("condition", "reading", "error")
     roles = (*roles, "drive")

@@ -16,6 +16,9 @@ from psafit.experiment.records import Group
 IGNORED = "ignore"
 GROUPS = "group"
 
+Held = float | tuple[float | None, ...]
+"""What was held, of all tables or of each; None of a table that has none, or has it in a column."""
+
 
 @dataclass(frozen=True)
 class Mapping:
@@ -44,8 +47,8 @@ class Options:
     ----------
     columns : tuple of Mapping
     values : tuple of (str, float or tuple of float)
-        Conditions that were held: psafit's column, and its value in the unit of that; or one for each table. Others are
-        `bias_v`, `idle_v`, `phase_deg` and `cycles` of the drive.
+        Conditions that were held: psafit's column, and its value in the unit of that; or one, or None, for each table.
+        Others are `bias_v`, `idle_v`, `phase_deg` and `cycles` of the drive.
     counted : tuple of {"peak", "pp", "rms"}
         How the volts of an amplitude that was held are counted; one, or one for each table. Empty for zero to peak.
     waveforms : tuple of str
@@ -83,7 +86,7 @@ class Options:
     """
 
     columns: tuple[Mapping, ...] = ()
-    values: tuple[tuple[str, float | tuple[float, ...]], ...] = ()
+    values: tuple[tuple[str, Held], ...] = ()
     counted: tuple[Volts, ...] = ()
     waveforms: tuple[str, ...] = ()
     volts: Volts | None = None
@@ -131,15 +134,16 @@ class Options:
         InputError
             If a condition has neither one value nor one for each table.
         """
-        own = []
+        own: list[tuple[str, float]] = []
         for name, given in self.values:
             each = given if isinstance(given, tuple) else (given,)
             if len(each) not in (1, n_tables):
                 raise InputError(
                     f"{len(each)} values of {name} for {n_tables} tables",
-                    "give one, or one for each; a comma is no decimal mark",
+                    "give one, or one for each, blank where there is none; a comma is no decimal mark",
                 )
-            own.append((name, each[number if len(each) > 1 else 0]))
+            one = each[number if len(each) > 1 else 0]
+            own += [(name, one)] if one is not None else []
         counted = self.counted[number : number + 1] if len(self.counted) > 1 else self.counted
         return replace(self, values=tuple(own), counted=counted)
 
