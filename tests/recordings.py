@@ -126,6 +126,7 @@ def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0, more: fl
     counts = WAVES[drive][1] if drive in WAVES else {"pp": Decimal("0.5"), "peak": Decimal(1)}
     counted = "peak" if drive in ("own", "period") else rng.choice(list(counts))
     counted = counted if form != "wide" or counted != "rms" else "pp"
+    counted = "peak" if drive == "next" else counted  # of less than a period, volts peak to peak are asked about
     volts = {t.amplitude: notation.text(float(Decimal(repr(t.amplitude)) / counts[counted])) for t in traces}
     same = Form(notation, style, heads, times, traces, counted, {} if held else volts)
     sheet = _wide(same) if form == "wide" else _below(rng, same)
@@ -168,10 +169,7 @@ def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0, more: fl
         found = rows.get(trace, {}) | {"time_us": [t for t, _ in kept], column: [y for _, y in kept]}
         rested = [float(x) for x in found.pop("idle_v", [])] or [0.0]
         own = {"idle_v": rested[0]} | settings | own_settings[trace]
-        amplitude = amplitudes[trace.amplitude]
-        if drive == "next" and counted == "pp":
-            amplitude *= 2.0 / _peak_to_peak([float(u) for u in found["voltage_v"]])
-        condition = driven(drive if drive in WAVES else "table", own), trace.frequency, amplitude
+        condition = driven(drive if drive in WAVES else "table", own), trace.frequency, amplitudes[trace.amplitude]
         readings += [(*condition, name, float(x), 0.0) for name, values in found.items() for x in values]
     files, said = _written(rng, folder, [("launches", sheet), *others], workbook)
     return Foreign(files[0], (*options, *said), tuple(readings), tuple(files[1:]), wrong)
@@ -322,12 +320,6 @@ def _recorded(pairs: Pairs, start: Decimal, every: int = 1, lasts: Decimal | Non
         "voltage_v": [u for _, u in rows],
         "idle_v": [sum(before, Decimal(0)) / max(len(before), 1)],
     }
-
-
-def _peak_to_peak(volts: Sequence[float]) -> float:
-    """Of a recorded voltage, over the largest of it."""
-    largest = max(map(abs, volts))
-    return max(volts) / largest - min(volts) / largest
 
 
 def _between(pairs: Pairs, at: Decimal) -> Decimal:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import fields
@@ -192,6 +193,8 @@ def _values(
         name, _, number = (part.strip() for part in text.partition("="))
         if name not in known:
             near = did_you_mean(name, known) if name else f"choose from {listed(known)}"
+            if counts := re.fullmatch(r"(amplitude_v)_?(pp|rms|p)", name):
+                near = f"say {counts[1]}={number or 40}:V{counts[2]}"
             raise InputError(f"--set {shown(text)}: there is no {shown(name)}", near)
         if name in constants | held:
             raise InputError(f"--set gives {name} twice", "give each once")

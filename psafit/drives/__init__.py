@@ -25,6 +25,7 @@ _TABLE = f"none of psafit's: give one period as a {TABLE}"
 _VARIED = {
     r"^(cos|kosin)[a-z]*( |$)": "a sine with phase_deg = 90",
     r"(^|\D)1 cos": "unipolar_sine",
+    r"\b(from )?0 ?v? (to )?\d+ ?v\b": "a waveform from 0 V, such as unipolar_sine",
     r"\bdc\b|offset|bias": "{} with bias_v, and idle_v if it rests there",
     r"burst": "{} with cycles, the periods that it lasts",
     r"half|rectif|\|": _TABLE,

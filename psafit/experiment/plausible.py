@@ -285,7 +285,9 @@ def _suspicious_hertz(f_max: float) -> list[str]:
     return [f"frequencies reach {f_max:g} Hz, above 1 MHz; {_HERTZ}?"] if f_max > 1e6 else []
 
 
-def _unreached(drive: Drive, volts: FloatArray, v_max: float, reach: float = 0.8) -> list[str]:
+def _unreached(
+    drive: Drive, volts: FloatArray, v_max: float, periods: float, reach: float = 0.8, end: float = 0.9
+) -> list[str]:
     """What a recorded voltage says against the amplitude that is stated.
 
     Parameters
@@ -295,17 +297,23 @@ def _unreached(drive: Drive, volts: FloatArray, v_max: float, reach: float = 0.8
         As recorded.
     v_max : float
         The amplitude, V.
+    periods : float
+        How many were recorded.
     reach : float
         A recording goes as far from rest as the amplitude, and spans no more than twice that, to within this factor.
+    end : float
+        A part of a period whose last voltage is at least this part of its largest was still on its way.
     """
     if v_max == 0:
         return []
+    away = np.abs(volts - drive.idle_v)
+    ends_early = periods < 1.0 and away[-1] >= end * away.max()
     low, high = min(float(volts.min()), drive.idle_v), max(float(volts.max()), drive.idle_v)
     said = f"the recorded drive goes from {low:.4g} to {high:.4g} V"
     if max(high - drive.idle_v, drive.idle_v - low) < reach * v_max:
-        return [
-            f"{said} and never reaches amplitude_v = {v_max:g}; is the factor of a divider or an amplifier missing?"
-        ]
+        asked = "is the factor of a divider or an amplifier missing?"
+        asked = f"was it still on its way in the part of a period that it has, or {asked}" if ends_early else asked
+        return [f"{said} and never reaches amplitude_v = {v_max:g}; {asked}"]
     if reach * (high - low) > 2 * v_max:
         return [f"{said}, beyond amplitude_v = {v_max:g}; is that another quantity, or in another unit?"]
     return []
@@ -362,7 +370,7 @@ def _suspicious_recording(group: Group, v_max: float, shortest_us: float = 1.0, 
             f"the {what} varies, but a recorded voltage is taken as it is: the simulation is the same for every row;"
             " give each condition a group and a recording of its own"
         )
-    return found + _unreached(group.drive, table.value, v_max)
+    return found + _unreached(group.drive, table.value, v_max, float(table.at[-1] * group.frequency_hz.min()))
 
 
 def _suspicious_part(part: Group, constants: Constants | None, v_max: float) -> list[str]:

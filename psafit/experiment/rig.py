@@ -290,7 +290,8 @@ def _of_ball(rig: Rig, constants: Constants) -> Iterator[Followed]:
         )
         known = Tailed(Normal(0.0, 5e-3 * ball.ball_radius / 9.4e-3))
         yield follows("adhesion_force", known, why, key, bounds=Bounds(0.0, 4 * weight))
-    why = f"2.5 degrees of a string of {1e3 * constants.l:.3g} mm, for whoever wants contact at every launch"
+    length = f"{1e3 * constants.l:.3g} mm"
+    why = f"2.5 degrees of a string of {length}: a ball is hung to lean on the tip, so that it touches at every launch"
     known = Tailed(Normal(0.0, math.radians(2.5) * constants.l))
     for name in ("preload_offset", "session_lean_offset"):
         yield follows(name, known, why, "l", bounds=Bounds(0.0, 0.5 * constants.l))

@@ -379,7 +379,8 @@ def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]
         if near := near_columns(name, known):
             unit = _UNITS[near[0]]
             meant.add(near[0])
-            other = "" if re.fullmatch(r"\w+", name) else f" {_IMPORT}"
+            more = not set(re.split(r"\W|_", name.lower())) <= set(near[0].split("_"))  # perhaps another unit
+            other = f" {_IMPORT}" if more else ""
             remedy = f"did you mean {near[0]}, in {unit}?{other}"
             add(f"unknown column {shown(name)}", remedy)
         else:

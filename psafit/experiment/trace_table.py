@@ -98,12 +98,13 @@ def _column(names: list[str], file: Path, line: int) -> str:
     if TIME not in names:
         what = f"missing column {TIME}"
     elif not here:
-        what = f"missing column {' or '.join(TRACES)}"
+        among = f" next to {listed(unknown)}" if unknown else ""
+        what = f"missing column {' or '.join(TRACES)}{among}"
     elif len(names) > 2:
         what = f"unknown column{'s' * (len(unknown) > 1)} {listed(unknown)}" if unknown else f"repeated column {TIME}"
     else:
         return here[0]
-    raise InputError(what, _HEADER, file=file, line=line)
+    raise InputError(what, f"{_HEADER}; psafit import reads other forms", file=file, line=line)
 
 
 def out_of_order(before: float, time: float) -> tuple[str, str]:

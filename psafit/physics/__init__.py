@@ -100,6 +100,8 @@ def term(id: str) -> Term:
     ids = [t.id for t in TERMS]
     close = difflib.get_close_matches(id, ids, n=3, cutoff=0.4)
     remedy = f"did you mean {' or '.join(close)}?" if close else f"known are {', '.join(ids)}"
+    if id.startswith(("sigma_", "nu_", "tau_")) or id in ("nu", "tau"):
+        remedy = "that is a parameter of the scatter, which psafit fits with any causes"
     raise InputError(f"there is no cause {id!r}", f"{remedy} (a cause of your own: --plugin FILE)")
 
 

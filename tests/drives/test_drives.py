@@ -67,6 +67,7 @@ def test_what_there_is_not_leads_on() -> None:
     assert instead("triangle_unipolar").startswith("did you mean unipolar_triangle?")
     assert instead("offset sine").startswith("that is a sine with bias_v")
     assert instead("burst").startswith("that is a waveform with cycles")
+    assert instead("sine 0-40V").startswith("that is a waveform from 0 V, such as unipolar_sine")
     assert instead("cosinus").startswith("that is a sine with phase_deg = 90")
     assert all(
         instead(text).startswith("that is unipolar_sine;") for text in ("1-cos", "(1 - cos(x))/2", "0.5*(1-cos)")

@@ -231,4 +231,12 @@ def test_a_reading_that_is_misnamed_is_the_only_fault(tmp_path: Path) -> None:
     """Whoever reads a speed is not asked for a range as well."""
     (tmp_path / "a").mkdir()
     folder = write(tmp_path / "a", a="frequency_hz,amplitude_v,launch_speed_m_s\n1200,20,0.3\n")
-    assert str(refusal(folder)).endswith("unknown column 'launch_speed_m_s'; did you mean launch_speed_mm_s, in mm/s?")
+    (line,) = str(refusal(folder)).splitlines()
+    assert "unknown column 'launch_speed_m_s'; did you mean launch_speed_mm_s, in mm/s?" in line
+
+
+@pytest.mark.parametrize("name", ["launch_range_mm", "launch_speed_m_s", "frequency_khz"])
+def test_a_column_in_another_unit_leads_to_import(name: str, tmp_path: Path) -> None:
+    """Renamed alone it would be wrong by the factor of the unit."""
+    header = HEADER.strip().replace("frequency_hz" if "frequency" in name else "launch_range_um", name)
+    assert str(refusal(write(tmp_path, a=f"{header}\n1,20,3\n"))).endswith("psafit import reads other forms")

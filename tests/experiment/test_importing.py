@@ -538,6 +538,7 @@ def test_constants_that_nobody_gave_are_left_to_be_filled_in(
         (["--column", "Freq=frequency_hz:parsec"], "'parsec' is no unit"),
         (["--column", "Nothing=ignore"], "there is no column 'Nothing'"),
         (["--set", "mass=3"], "there is no 'mass'"),
+        (["--set", "amplitude_vpp=40"], "there is no 'amplitude_vpp'; say amplitude_v=40:Vpp"),
         (["--set", "M=3:V"], "'V' is no unit of M; give it in kg"),
         (["--set", "M=1,5"], "'1,5' is no number"),
         (["--set", "M=1e9"], "beyond the limits"),

@@ -52,19 +52,19 @@ def test_a_recording_is_the_drive_as_it_is(tmp_path: Path) -> None:
 
 
 def test_what_it_rested_at_is_recorded_or_given(tmp_path: Path) -> None:
-    raised = "Time (ms);CH1 (V)\n" + "".join(f"{k / 100};{10 + (k > 5) * k}\n" for k in range(20))
-    assert read(tmp_path, raised, start_us=50.0).drive.idle_v == 10.0
-    assert read(tmp_path, raised, start_us=50.0, values=(("idle_v", 9.0),)).drive.idle_v == 9.0
-    period = read(tmp_path, raised, start_us=50.0, period_us=130.0, values=(("idle_v", 9.0),))
-    assert period.drive.idle_v == 9.0 and read(tmp_path, raised, start_us=50.0, period_us=130.0).drive.idle_v == 0.0
+    raised = "Time (ms);CH1 (V)\n" + "".join(f"{k / 10};{10 + (k > 5) * k}\n" for k in range(20))
+    assert read(tmp_path, raised, start_us=500.0).drive.idle_v == 10.0
+    assert read(tmp_path, raised, start_us=500.0, values=(("idle_v", 9.0),)).drive.idle_v == 9.0
+    period = read(tmp_path, raised, start_us=500.0, period_us=1300.0, values=(("idle_v", 9.0),))
+    assert period.drive.idle_v == 9.0 and read(tmp_path, raised, start_us=500.0, period_us=1300.0).drive.idle_v == 0.0
 
 
 def test_samples_of_one_time_are_a_jump(tmp_path: Path) -> None:
     """Times that an instrument has rounded."""
-    rounded = "Time (us);CH1 (V)\n" + "".join(f"{k // 2 * 5};{k}\n" for k in range(24))
+    rounded = "Time (us);CH1 (V)\n" + "".join(f"{k // 2 * 100};{k}\n" for k in range(24))
     table = read(tmp_path, rounded, start_us=0.0).drive.table
     assert table is not None
-    assert table.value.tolist() == [1.0, *range(2, 24)] and table.at[-2:].tolist() == pytest.approx([55e-6, 55e-6])
+    assert table.value.tolist() == [1.0, *range(2, 24)] and table.at[-2:].tolist() == pytest.approx([1.1e-3, 1.1e-3])
 
 
 @pytest.mark.parametrize(("said", "volts"), [("40:Vpp", 40.0), ("40:Vp", 40.0), ("40", 40.0)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shlex
 from decimal import Decimal
@@ -473,3 +474,97 @@ def test_a_title_above_the_headings_parts_none(labels: str, tmp_path: Path) -> N
     assert one(tmp_path, content).reading.tolist() == [3.0, 4.0]
     numbered = "Operator;Lab 3\nRange 1 (um);Range 2 (um)\n3;4\n"
     assert one(tmp_path, numbered, values=HELD).reading.tolist() == [3.0, 4.0]
+
+
+@pytest.mark.parametrize(
+    ("above", "remedy"),
+    [
+        ("Drive: 0-40 V", "say --waveform unipolar_sine, or --set bias_v=20 --set idle_v=NUMBER"),
+        ("Voltage range: 0 to 40 V", "say --waveform unipolar_sine"),
+        ("Ansteuerung 0 bis 40 V", "say --waveform unipolar_sine"),
+        ("Drive 5 ... 25 V", "say --set bias_v=15"),
+        ("Drive: -20 to 20 V", ""),
+        ("Band 0.5-40 kHz", ""),
+        ("HV amp: 20x", "give volts behind the amplifier"),
+        ("Signal generator: 2 Vpp, gain x20", "give volts behind the amplifier"),
+        ("probe 10x", "give volts behind the attenuator"),
+        ("Drive: burst of 3 cycles", "say --set cycles=NUMBER"),
+        ("Drive: as usual, gain x1", ""),
+    ],
+)
+def test_a_clause_above_the_headings_that_matters_is_shown(above: str, remedy: str, tmp_path: Path) -> None:
+    (found,) = tables(tmp_path, f"{above}\nf (Hz);Vp;Range (um)\n1000;20;25\n1200;20;28\n")
+    assert [said.startswith(remedy) for _, text, said in found.above if text == above] == [True] * bool(remedy)
+
+
+@pytest.mark.parametrize("above", ["Delay: 7 us", "Signal delay: 7 us", "Range: 100 mm/s/V; Delay 7 us"])
+def test_a_delay_above_a_trace_is_asked_about(above: str, tmp_path: Path) -> None:
+    content = trace("Time (us)", lambda k: str(5 * k), above=f"{above}\n")
+    assert "may say when the drive starts" in refused(tmp_path, content, values=HELD)
+
+
+def test_tables_next_to_one_another_are_not_read_crosswise(tmp_path: Path) -> None:
+    line = refused(tmp_path, "f1 (Hz),R1 (um),f2 (Hz),R2 (um)\n1000,25,1100,25.2\n1200,28,1300,28.3\n", values=HELD[1:])
+    assert "'f1 (Hz)', 'f2 (Hz)' could all be frequency_hz, each of a table next to the others; save each" in line
+    other = refused(tmp_path, "Frequency A (Hz),Frequency B (Hz),Range (um)\n1000,1000,25\n", values=HELD[1:])
+    assert "next to the others" not in other
+
+
+def test_a_heading_over_several_columns_may_hold_for_each(tmp_path: Path) -> None:
+    """As a merged cell leaves it; what the line proposes reads all of them."""
+    content = "f (kHz);Vpp;Launch range (um);;;Note\n1;40;25;25,5;26;ok\n1,2;40;28;28,5;27;ok\n"
+    line = refused(tmp_path, content)
+    every = " ".join(f"--column {k}=launch_range_um:um" for k in (3, 4, 5))
+    assert f"columns 4, 5 hold numbers and have no headings that say what; give each one, say {every} if they" in line
+    mappings = tuple(proposed(line, k) for k in range(3))
+    assert one(tmp_path, content, columns=mappings).reading.tolist() == [25.0, 25.5, 26.0, 28.0, 28.5, 27.0]
+
+
+def test_the_option_that_is_proposed_has_the_unit_of_its_column(tmp_path: Path) -> None:
+    content = "Set frequency (Hz),Actual frequency (Hz),Vpp (V),Range (um)\n1000,999.2,40,25.1\n"
+    line = refused(tmp_path, content)
+    assert "frequency_hz:kHz" not in line and "'Actual frequency (Hz)=frequency_hz'" in line
+    mapping = proposed(line, 1)
+    assert one(tmp_path, content, columns=(mapping,)).frequency_hz.tolist() == [999.2]
+
+
+@pytest.mark.parametrize(("samples", "asked"), [(50, True), (130, True), (250, False)])
+def test_a_recording_of_less_than_a_period_does_not_count_volts_peak_to_peak(
+    samples: int, asked: bool, tmp_path: Path
+) -> None:
+    """A sine of 1 kHz and 20 V, every 5 us, whose rest comes before."""
+    rows = [(5 * k, 20 * math.sin(2e-3 * math.pi * 5 * k), 0.01 * k * k) for k in range(samples)]
+    content = "Time (us);Drive (V);Velocity (mm/s)\n" + "".join(f"{t};{u:.4f};{v:.4f}\n" for t, u, v in rows)
+    said = {"values": (("frequency_hz", 1000.0), ("amplitude_v", 40.0)), "waveforms": (), "start_us": 0.0}
+    if asked:
+        line = refused(tmp_path, content, counted=("pp",), **said)
+        assert "40 V peak to peak, and the recorded drive goes from" in line and "in Vp" in line
+    else:
+        assert one(tmp_path, content, counted=("pp",), **said).amplitude_v[0] == pytest.approx(20.0, rel=1e-3)
+    peaks = said | {"values": (("frequency_hz", 1000.0), ("amplitude_v", 20.0))}
+    assert one(tmp_path, content, counted=("peak",), **peaks).amplitude_v[0] == 20.0
+
+
+@pytest.mark.parametrize(("value", "asked"), [(None, True), ("25.1", False)])
+def test_a_formula_without_its_value_is_no_empty_cell(value: str | None, asked: bool, tmp_path: Path) -> None:
+    """As a program writes it that does not calculate; a spreadsheet's has its value, which may be no text."""
+    from zipfile import ZipFile
+
+    from openpyxl import Workbook
+
+    book = Workbook()
+    for row in (("f (Hz)", "Vpp", "Range 1 (um)", "Range 2 (um)"), (1000, 40, 25, "=24+1.1"), (1200, 40, 30, 30.4)):
+        book.worksheets[0].append(row)
+    book.save(tmp_path / "made.xlsx")
+    with ZipFile(tmp_path / "made.xlsx") as made, ZipFile(tmp_path / "in.xlsx", "w") as saved:
+        for name in made.namelist():
+            text = made.read(name)
+            if value:
+                text = re.sub(rb"</f><v ?/>|</f><v></v>", f"</f><v>{value}</v>".encode(), text)
+            saved.writestr(name, text)
+    options = Options(waveforms=("sine",))
+    if asked:
+        with pytest.raises(InputError, match="cell D2 holds a formula without its value; open the workbook in"):
+            read_files([tmp_path / "in.xlsx"], options)
+    else:
+        assert read_files([tmp_path / "in.xlsx"], options)[0].groups[0].reading.tolist() == [25.0, 25.1, 30.0, 30.4]

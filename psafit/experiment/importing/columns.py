@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from psafit.errors import Faults
@@ -216,18 +216,32 @@ def _recognised(head: Head, mapped: dict[int, Column], shaped: Sequence[int], *,
     return found
 
 
-def _check_unnamed(grid: Grid, head: Head, found: Iterable[Column], faults: Faults) -> None:
-    """A column of numbers without a name is no reading that may be left out, unless it numbers the rows."""
-    for column in found:
+def _check_unnamed(grid: Grid, head: Head, found: Sequence[Column], faults: Faults) -> None:
+    """Columns of numbers without a name are no readings that may be left out, unless one numbers the rows."""
+    unnamed: list[list[Column]] = []
+    for column in found if head.line else ():
         filled = cells(grid, head, column.place)
         named = column.column or (column.heading.text and not column.heading.is_ordinal)
-        if named or column.mapped or not head.line or not any(map(is_number, filled)):
+        if named or column.mapped or not any(map(is_number, filled)):
             continue
         if column.place == 0 and counts_rows(whole([str(cell) for cell in filled])):
             continue
-        number = str(column.place + 1)
-        what = f"column {number} holds numbers and has no heading that says what"
-        faults.add(fault(grid, head, what, f"give it one, or say {option(number, IGNORED)}"))
+        if not (unnamed and column.place == unnamed[-1][-1].place + 1):
+            unnamed.append([])
+        unnamed[-1].append(column)
+    for run in unnamed:
+        numbers = [str(column.place + 1) for column in run]
+        what, remedy = f"column {numbers[0]} holds numbers and has no heading that says what", "give it one"
+        if len(run) > 1:
+            what = f"columns {listed(numbers)} hold numbers and have no headings that say what"
+            remedy = "give each one"
+        before = found[run[0].place - 1] if run[0].place else None
+        if before and role(before.column) in READ:  # a heading over several columns, as a merged cell leaves it
+            said = unit.text if (unit := head.unit(before.place)) else ""
+            each = " ".join(option(str(c.place + 1), before.column, said) for c in (before, *run))
+            remedy = f"{remedy}, say {each} if they repeat {before.name}"
+        ignored = " ".join(option(number, IGNORED) for number in numbers)
+        faults.add(fault(grid, head, what, f"{remedy}, or say {ignored}"))
 
 
 def _without_settings(grid: Grid, head: Head, chosen: Chosen, faults: Faults) -> Chosen:
@@ -256,6 +270,10 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], options: O
     if len(columns) == 1 or (read and settled):
         return
     what = f"columns {listed(c.name for c in columns)} could all be {first.column}"
+    if not read and first.column != TIME and _in_blocks(head, [c.place for c in columns]):
+        remedy = "save each as a file of its own, or ignore the columns of all but one"
+        faults.add(fault(grid, head, f"{what}, each of a table next to the others", remedy))
+        return
     last = columns[-1].option
     if read:
         what = f"{what}, and {listed(shown(label) for label in labels if label)} above part them" if labels else what
@@ -269,6 +287,15 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], options: O
         "if each is of a trace of its own, save each with its trace in a file; else " if first.column == TIME else ""
     )
     faults.add(fault(grid, head, what, f"{apart}{remedy}"))
+
+
+def _in_blocks(head: Head, places: Sequence[int]) -> bool:
+    """Whether columns begin blocks of columns that have the same units, as tables next to one another do."""
+    width = places[1] - places[0]
+    ends = [*places[1:], len(head.headings)]
+    blocks = [tuple(map(head.unit, range(*ends_))) for ends_ in zip(places, ends, strict=True)]
+    texts = [tuple(unit and unit.text for unit in block[1:width]) for block in blocks]
+    return width > 1 and len(set(texts)) == 1 and any(texts[0])
 
 
 def _each_mapped(head: Head, columns: Sequence[Column], options: Options) -> bool:
@@ -475,7 +502,9 @@ def _sounds(grid: Grid, head: Head, column: Column, quantity: Quantity) -> bool:
 def _called(near: Column | None, head: Head, column: str) -> str:
     """The option that makes the nearest column a condition; of volts that are not counted with each way to count."""
     if near is None:
-        return option("NAME", column, EXAMPLES[column][0])
+        units = {h.text: head.unit(place) for place, h in enumerate(head.headings)}
+        several = [option(text, column) for text, unit in units.items() if unit and unit.kind == COLUMNS[column].unit]
+        return " or ".join(several) or option("NAME", column, EXAMPLES[column][0])
     unit = head.unit(near.place)
     upper = near.heading.name in LEVELS[0]
     if unit is None and not upper:

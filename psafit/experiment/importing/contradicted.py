@@ -23,6 +23,9 @@ from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.table import CellFault
 from psafit.experiment.text import shown
 
+_NUMBER = r"([-\N{MINUS SIGN}]?\d+(?:[.,]\d+)?)"
+_FROM_TO = re.compile(rf"{_NUMBER}\s*V?\s*(?:to|bis|à|\.\.\.?|…|[-–])\s*\+?{_NUMBER}\s*V\b")
+
 
 @dataclass(frozen=True)
 class _Line:
@@ -98,12 +101,28 @@ def unread(grid: Grid, head: Head, chosen: Chosen, shape: str) -> Iterator[tuple
         if named and named != shape and shape != TABLE:
             remedy = f"say --waveform {named}" if shape else "correct the waveforms of its rows"
             yield said.line, said.text, remedy
+        elif ends := _ends(said, shape):
+            yield said.line, said.text, ends
         elif said.counts and not any(c.volts == said.counts for c in chosen.columns):
             yield said.line, said.text, f"say --volts {said.counts}"
         elif other:
             yield said.line, said.text, f"say {other}"
         elif of and any(char.isdigit() for char in said.value):
             yield said.line, said.text, f"correct {of} in the rows"
+
+
+def _ends(said: _Line, shape: str) -> str:
+    """What to say where a line has voltages from one to another that the waveform does not go through."""
+    form = WAVEFORMS.get(shape)
+    if form is None or not (found := _FROM_TO.search(said.text)):
+        return ""
+    low, high = (float(end.replace(",", ".").replace("\N{MINUS SIGN}", "-")) for end in found.groups())
+    least, most = form.span
+    if high <= low or abs(low * most - high * least) <= 0.01 * high:
+        return ""
+    raised = f"--waveform unipolar_{shape}, or " if low == 0.0 and f"unipolar_{shape}" in WAVEFORMS else ""
+    middle = (low + high) / 2
+    return f"say {raised}--set bias_v={middle:g} --set idle_v=NUMBER with the amplitude from there"
 
 
 def _lines(grid: Grid, head: Head) -> Iterator[_Line]:

@@ -8,9 +8,12 @@ import io
 import json
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from xml.etree import ElementTree
+from zipfile import ZipFile
 
 from psafit.errors import InputError
 from psafit.experiment.importing.quantities import BLANKS, SEPARATORS
@@ -192,8 +195,26 @@ def _rows(text: str, separator: str, file: Path) -> Iterator[Row]:
         yield Row(line, _trimmed(cells), len(cells))
 
 
+def _uncalculated(file: Path) -> str:
+    """The first cell of an .xlsx whose formula has no value, as programs write it that do not calculate; else empty."""
+    with suppress(Exception), ZipFile(file) as parts:  # an older form, or damaged: what reads it says so
+        for name in (name for name in parts.namelist() if re.fullmatch(r"xl/worksheets/[^/]+\.xml", name)):
+            with parts.open(name) as stream:
+                for _, element in ElementTree.iterparse(stream):
+                    held = {part.tag.rpartition("}")[2]: part.text for part in element}
+                    if "f" in held and not held.get("v") and element.get("t") != "str":
+                        return element.get("r", "")
+                    if element.tag.endswith("}row"):
+                        element.clear()
+    return ""
+
+
 def _sheets(file: Path, options: Options) -> list[Grid]:
     import python_calamine
+
+    if cell := _uncalculated(file):
+        what = f"cell {cell} holds a formula without its value"
+        raise InputError(what, "open the workbook in a spreadsheet program and save it", file=file)
 
     damaged = InputError("a zip or old office file, but no workbook", "save it anew as .xlsx or CSV", file=file)
     try:

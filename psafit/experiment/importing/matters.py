@@ -10,7 +10,7 @@ from operator import itemgetter
 
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.chosen import Chosen, Column, cells, fault, option
-from psafit.experiment.importing.grid import Grid
+from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.layout import Head, is_comment
 from psafit.experiment.importing.numerals import is_number, likeliest
 from psafit.experiment.importing.quantities import CHANNELS, COLUMNS, COUNT, QUANTITIES, words
@@ -70,12 +70,15 @@ MATTERS = (
         remedy="give the voltage with --drive FILE, one period of it",
     ),
     Matter(
-        ("gain", "amplifier", "amplifier gain", "amp gain", "amplification", "verstärkung", "verstärker"),
+        (
+            "gain", "amplifier", "amplifier gain", "amp gain", "hv amp", "hv amplifier", "amplification",
+            "verstärkung", "verstärker",
+        ),
         nothing=1.0,
         remedy="give volts behind the amplifier",
     ),
     Matter(
-        ("attenuation", "attenuator", "probe attenuation", "probe atten", "probe factor"),
+        ("attenuation", "attenuator", "probe", "probe attenuation", "probe atten", "probe factor"),
         nothing=1.0,
         remedy="give volts behind the attenuator",
     ),
@@ -131,7 +134,8 @@ MATTERS = (
 _TRIGGER = Matter(
     (
         "trigger offset", "trigger delay", "trigger position", "trigger point", "trigger time", "horizontal offset",
-        "horizontal position", "horizontal delay", "hoffset", "x offset", "delay time", "pretrigger", "pre trigger",
+        "horizontal position", "horizontal delay", "hoffset", "x offset", "delay", "delay time", "signal delay",
+        "pretrigger", "pre trigger",
     ),
     nothing=0.0,
 )  # fmt: skip
@@ -178,28 +182,46 @@ def check_trigger(grid: Grid, head: Head, options: Options) -> None:
 
 
 def _named_above(grid: Grid, head: Head, every: Sequence[Matter]) -> Iterator[tuple[int, str, Matter]]:
-    """Lines above the headings that begin with the name of a matter, and do not say what changes nothing.
-
-    Of several of one name it is the one in whose unit the value is.
-    """
+    """Lines above the headings with a clause that begins with the name of a matter, unless it changes nothing."""
     for row in takewhile(lambda row: row.line < head.line, (row for row in grid.rows if not row.is_blank)):
-        filled = [*filter(None, row.texts)]
-        text = " ".join(filled)
-        parts = re.split("[:=]", text)
-        first, *values = (part.strip() for part in (parts if len(parts) > 1 else filled))
-        found = [(likeliest([value]).number(value.strip("x×X")), unit(value)) for value in values]
-        kinds = {said.kind for number, alone in found if (said := (number and number.unit) or alone)}
-        whole = words(first)
-        of_channel = " ".join(word for word in whole.split() if word.rstrip("0123456789") not in CHANNELS)
-        named = [
-            (len(name), kinds <= {_target(m), *m.kinds}, m)
-            for m in every
-            for name in m.names
-            if any(f"{begins} ".startswith(f"{name} ") for begins in (whole, of_channel))
-        ]
-        *_, matter = max(named, key=itemgetter(0, 1), default=(None,))
-        if matter and not _changes_nothing(matter, values, [float(number.value) for number, _ in found if number]):
-            yield row.line, text, matter
+        text = " ".join(filter(None, row.texts))
+        for clause in _clauses(row):
+            if (matter := _named(clause, every)) is not None:
+                yield row.line, text, matter
+                break
+
+
+def _clauses(row: Row) -> Iterator[list[str]]:
+    """What a line says of one thing and another: what is named, and its values; what a value names, too."""
+    filled = [*filter(None, row.texts)]
+    if len(filled) > 1 and not any(mark in cell for cell in filled for mark in ":="):
+        yield filled
+    for clause in (part for text in (" ".join(filled), *filled) for part in re.split(r"[;,]\s+", text)):
+        said = [text.strip() for text in re.split("[:=]", clause)]
+        for k in range(len(said)):
+            number = re.fullmatch(r"(\D+?)\s+([x×]?\d.*)", said[k])  # of one name and number, as `gain x20`
+            if number and (k or len(said) == 1):
+                yield [*number.groups()]
+            elif k == 0 and (len(said) > 1 or len(filled) == 1):
+                yield said
+
+
+def _named(clause: Sequence[str], every: Sequence[Matter]) -> Matter | None:
+    """The matter of which a clause says what changes something; of several of one name that of the value's unit."""
+    first, *values = clause
+    found = [(likeliest([value]).number(value.strip("x×X")), unit(value)) for value in values]
+    kinds = {said.kind for number, alone in found if (said := (number and number.unit) or alone)}
+    whole = words(first)
+    of_channel = " ".join(word for word in whole.split() if word.rstrip("0123456789") not in CHANNELS)
+    named = [
+        (len(name), kinds <= {_target(m), *m.kinds}, m)
+        for m in every
+        for name in m.names
+        if any(f"{begins} ".startswith(f"{name} ") for begins in (whole, of_channel))
+    ]
+    *_, matter = max(named, key=itemgetter(0, 1), default=(None,))
+    nothing = matter and _changes_nothing(matter, values, [float(number.value) for number, _ in found if number])
+    return None if nothing else matter
 
 
 def _changes_nothing(matter: Matter, values: Sequence[str], numbers: Sequence[float]) -> bool:

@@ -18,7 +18,7 @@ from psafit.experiment.importing.clock import early, less
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Body, Head, body
 from psafit.experiment.importing.records import Options
-from psafit.experiment.importing.values import Reading, readings
+from psafit.experiment.importing.values import Reading, check_ends, readings
 from psafit.experiment.table import CellFault, RowFaults
 from psafit.experiment.trace_table import TIME, out_of_order
 
@@ -172,10 +172,11 @@ def _idle(grid: Grid, samples: Sequence[Reading], volts: FloatArray, options: Op
     raise InputError(what, remedy, file=grid.file, line=samples[0].line)
 
 
-def at_amplitude(samples: Sequence[Reading], drive: Drive) -> list[Reading]:
+def at_amplitude(grid: Grid, samples: Sequence[Reading], drive: Drive) -> list[Reading]:
     """Samples whose amplitude, where it was counted peak to peak, is that of the drive that was recorded with them."""
     if drive.table is None or not drive.table.recorded:
         return list(samples)
+    check_ends(grid, samples[0], drive, 2.0 * dict(samples[0].values)["amplitude_v"])
     factor = 2.0 / peak_to_peak(drive)
     return [_times(r, factor) if r.counted == "pp" else r for r in samples]
 

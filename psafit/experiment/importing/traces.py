@@ -78,7 +78,7 @@ def from_start(grid: Grid, found: Sequence[Reading], options: Options) -> Sample
             read = [r for r in rows[len(before) :] if column in dict(r.values)]
             _check(grid, read, len(rows) - len(before), options)
             samples, drive = read[:: options.every], drive_of(grid, rows, options)
-            traces.append(Trace(tuple(at_amplitude(samples, drive)), drive))
+            traces.append(Trace(tuple(at_amplitude(grid, samples, drive)), drive))
     if short and not len(faults):
         faults.add(_too_few(grid, short, len(parts), start, options))
     faults.end()

@@ -115,6 +115,8 @@ def readings(
             _check_effective(grid, row, drive, counted)
             place = first.place if chosen.traced else 0
             found.append(Reading(row.line, drive, label, tuple(known.items()), place, counted))
+            if not chosen.traced:
+                check_ends(grid, found[-1], drive, known["amplitude_v"] * peak_to_peak(drive))
             for c, v in read.items():
                 if v is not None and v < 0 and not chosen.traced:
                     faults.below.setdefault(c.column, []).append((row.line, text_of(_cell(row, c)), known))
@@ -411,6 +413,25 @@ def _factor(number: Number, column: Column, drive: Drive, text: str) -> Decimal:
     if volts is None:
         raise CellFault(f"{shown(text)} may be zero to peak, peak to peak, or RMS", "say --volts peak, pp or rms")
     return factor * peak(volts, drive)
+
+
+def check_ends(grid: Grid, reading: Reading, drive: Drive, peak_to_peak_v: float, reach: float = 0.98) -> None:
+    """Volts from peak to peak are those of a recording that shows both ends, to within a factor, or a whole period.
+
+    Raises
+    ------
+    InputError
+        Where it may not show them.
+    """
+    table = drive.table
+    if reading.counted != "pp" or table is None or not table.recorded:
+        return
+    values, span = [*table.value, drive.idle_v], float(table.at[-1])
+    frequency = dict(reading.values)["frequency_hz"]
+    if span * frequency < 1.0 and max(values) - min(values) < reach * peak_to_peak_v:
+        seen = f"{min(values):.4g} to {max(values):.4g} V in {1e6 * span:g} us, less than a period"
+        what = f"{peak_to_peak_v:g} V peak to peak, and the recorded drive goes from {seen}: it does not show both ends"
+        raise InputError(what, "give amplitude_v zero to peak, in Vp", file=grid.file, line=reading.line)
 
 
 def peak(volts: Volts, drive: Drive) -> Decimal:

@@ -210,6 +210,7 @@ def leaning(result: Diagnosis, shown: Sequence[Shown], most: int = 12) -> list[l
             Markup("Group {}").format(g.group.id),
             words.quantity(float(g.group.frequency_hz[k]), "Hz"),
             words.quantity(float(g.group.amplitude_v[k]), "V"),
+            "" if (times := g.group.time_us) is None else words.quantity(float(times[k]), "us"),
             fixed(value, 2),
         ]
         for value, g, k in sorted(far, key=lambda row: -row[0])[:most]
