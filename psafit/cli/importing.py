@@ -194,7 +194,7 @@ def _values(
         if name not in known:
             near = did_you_mean(name, known) if name else f"choose from {listed(known)}"
             if counts := re.fullmatch(r"(amplitude_v)_?(pp|rms|p)", name):
-                near = f"say {counts[1]}={number or 40}:V{counts[2]}"
+                near = f"say for example {counts[1]}=40:V{counts[2]}"
             raise InputError(f"--set {shown(text)}: there is no {shown(name)}", near)
         if name in constants | held:
             raise InputError(f"--set gives {name} twice", "give each once")

@@ -25,7 +25,6 @@ _TABLE = f"none of psafit's: give one period as a {TABLE}"
 _VARIED = {
     r"^(cos|kosin)[a-z]*( |$)": "a sine with phase_deg = 90",
     r"(^|\D)1 cos": "unipolar_sine",
-    r"\b(from )?0 ?v? (to )?\d+ ?v\b": "a waveform from 0 V, such as unipolar_sine",
     r"\bdc\b|offset|bias": "{} with bias_v, and idle_v if it rests there",
     r"burst": "{} with cycles, the periods that it lasts",
     r"half|rectif|\|": _TABLE,
@@ -34,6 +33,7 @@ _VARIED = {
     r"^(rect\w* |square )?\w*pulse?s?$": f"unipolar_square if it is up for half of the period, else a {TABLE}",
     r"saw": _TABLE,
     r"ramp": f"triangle if it rises as long as it falls, else a {TABLE}",
+    r"\b(from )?0 ?v? (to )?\d+ ?v\b": "a waveform from 0 V, such as unipolar_sine",
 }
 """What a waveform is whose name has this in it, by keys of its group."""
 _NEARLY = 0.82  # part of the letters that a misspelt word has of another; "bipolar" and "unipolar" share 0.8

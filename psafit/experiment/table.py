@@ -400,7 +400,8 @@ def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]
                 remedy += "; without readings it is a plan, which psafit simulate takes"
             add(f"{what}{'s' * (len(wrong) > 1)} {listed(wrong[:5])}{', ...' * (len(wrong) > 5)}", remedy)
     for o in OF_LAUNCHES:
-        if o.sigma_column in names and o.column not in names and not (planned and o is LAUNCH_RANGE):
+        of_ranges_to_come = planned and o is LAUNCH_RANGE and {*names}.isdisjoint(READING_COLUMNS)
+        if o.sigma_column in names and o.column not in names and not of_ranges_to_come:
             add(f"{o.sigma_column} without {o.column}", "give what it is the uncertainty of, or delete the column")
     faults.end()
     return names

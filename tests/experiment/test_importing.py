@@ -318,6 +318,7 @@ def test_a_column_of_labels_over_blocks_of_rows_is_proposed_as_groups(
         (["12", "7"], [12, 7]),
         (["01", "02"], [1, 2]),  # no number as it would be written: they are counted
         (["A b", "A-b", "A.b"], [1, 2, 3]),  # two come to the same
+        (["A", "a"], [1, 2]),  # and so would their files
         (["A", "µ?"], [1, 2]),
         (["x" * 33, "y"], [1, 2]),
     ],
@@ -332,6 +333,8 @@ def test_groups_are_called_by_their_labels(
     assert run(monkeypatch, "import", "a.csv", *given) == 0
     text = Path("rig", "experiment.toml").read_text("utf-8")
     assert re.findall(r"^\[\[group\]\].*\nid = (.*)$", text, re.MULTILINE) == [json.dumps(i) for i in ids]
+    files = [f"group{i}.csv" if isinstance(i, int) else f"group-{i}.csv" for i in ids]
+    assert re.findall(r'^file = "(.*)"$', text, re.MULTILINE) == files
     assert [f"# {label}\n" in text for label in labels] == [
         label != str(i) for label, i in zip(labels, ids, strict=True)
     ]
@@ -538,7 +541,7 @@ def test_constants_that_nobody_gave_are_left_to_be_filled_in(
         (["--column", "Freq=frequency_hz:parsec"], "'parsec' is no unit"),
         (["--column", "Nothing=ignore"], "there is no column 'Nothing'"),
         (["--set", "mass=3"], "there is no 'mass'"),
-        (["--set", "amplitude_vpp=40"], "there is no 'amplitude_vpp'; say amplitude_v=40:Vpp"),
+        (["--set", "amplitude_vpp=40"], "there is no 'amplitude_vpp'; say for example amplitude_v=40:Vpp"),
         (["--set", "M=3:V"], "'V' is no unit of M; give it in kg"),
         (["--set", "M=1,5"], "'1,5' is no number"),
         (["--set", "M=1e9"], "beyond the limits"),

@@ -240,12 +240,33 @@ def test_a_trace_keeps_the_drive_that_was_recorded_with_it(
                 said = capsys.readouterr().err
                 assert "column 'Drive (V)' is the drive over time, and --drive gives another; say --column" in said
                 assert "if it is that of this trace, or --column 'Drive (V)=ignore'" in said
-            assert run(monkeypatch, *words, *(mapped if drive == "scope.csv" else mapped[:2] + mapped[2:])) == 0
+            assert run(monkeypatch, *words, *mapped) == 0
             launches, trace = read_experiment(words[-1]).groups
             own = trace.drive.table
             assert own is not None and own.value.tolist() == [float(k) for k in range(30)]
             assert launches.drive.table is not None
             assert (launches.drive.table.value.tolist() == own.value.tolist()) is (drive == "scope.csv")
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_volts_peak_to_peak_are_counted_by_the_drive_that_a_trace_has(own: bool, tmp_path: Path) -> None:
+    """Its own goes from -20 to 20 V, the other, which is a file of its own, from 0 to 40 V."""
+    scopes = {}
+    for name, least in (("own", -20.0), ("other", 0.0)):
+        volts = [least + 20 + 20 * math.sin(k / 20) if k else 0.0 for k in range(200)]
+        scopes[name] = [f"{u:.6f}" for u in (volts if name == "own" else [*volts[:1], *volts[1:]])]
+    rows = "".join(f"{5 * k};{scopes['own'][k]};{k * k / 100}\n" for k in range(200))
+    trace = tmp_path / "trace.csv"
+    trace.write_text(f"Time (us);CH1 (V);Velocity (mm/s)\n{rows}", "utf-8")
+    other = tmp_path / "other.csv"
+    other.write_text("Time (us);CH1 (V)\n" + "".join(f"{5 * k};{u}\n" for k, u in enumerate(scopes["other"])), "utf-8")
+    held = {"values": (("frequency_hz", 2000.0), ("amplitude_v", 40.0), ("idle_v", 0.0)), "counted": ("pp",)}
+    mapped = Mapping("CH1", "voltage_v" if own else "ignore", scaled("1V/V") if own else None)
+    options = Options(columns=(mapped,) if own else (), drive_file=other, start_us=0.0, **held)  # type: ignore[arg-type]
+    if not own:
+        trace.write_text(trace.read_text("utf-8").replace("CH1 (V)", "Note"), "utf-8")
+    (table,) = read_files([trace], options)
+    assert table.groups[0].amplitude_v[0] == pytest.approx(20.0 if own else 40.0, rel=1e-2)
 
 
 def test_what_was_held_may_be_blank_for_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

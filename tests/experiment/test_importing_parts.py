@@ -479,10 +479,10 @@ def test_a_title_above_the_headings_parts_none(labels: str, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("above", "remedy"),
     [
-        ("Drive: 0-40 V", "say --waveform unipolar_sine, or --set bias_v=20 --set idle_v=NUMBER"),
-        ("Voltage range: 0 to 40 V", "say --waveform unipolar_sine"),
-        ("Ansteuerung 0 bis 40 V", "say --waveform unipolar_sine"),
-        ("Drive 5 ... 25 V", "say --set bias_v=15"),
+        ("Drive: 0-40 V", "if that is the drive, say --waveform unipolar_sine, or --set bias_v=20 --set idle_v=NUMBER"),
+        ("Voltage range: 0 to 40 V", "if that is the drive, say --waveform unipolar_sine"),
+        ("Ansteuerung 0 bis 40 V", "if that is the drive, say --waveform unipolar_sine"),
+        ("Drive 5 ... 25 V", "if that is the drive, say --set bias_v=15"),
         ("Drive: -20 to 20 V", ""),
         ("Band 0.5-40 kHz", ""),
         ("HV amp: 20x", "give volts behind the amplifier"),
@@ -490,6 +490,12 @@ def test_a_title_above_the_headings_parts_none(labels: str, tmp_path: Path) -> N
         ("probe 10x", "give volts behind the attenuator"),
         ("Drive: burst of 3 cycles", "say --set cycles=NUMBER"),
         ("Drive: as usual, gain x1", ""),
+        ("Offset: 1 V, gain x20", "say --set bias_v=NUMBER"),
+        ("Amplitude: 5-40 V", "correct amplitude_v in the rows"),
+        ("Scope input range: 0-10 V", ""),
+        ("Probe: laser", ""),
+        ("Sensor: probe 2", ""),
+        ("probe 1x", ""),
     ],
 )
 def test_a_clause_above_the_headings_that_matters_is_shown(above: str, remedy: str, tmp_path: Path) -> None:
@@ -497,15 +503,41 @@ def test_a_clause_above_the_headings_that_matters_is_shown(above: str, remedy: s
     assert [said.startswith(remedy) for _, text, said in found.above if text == above] == [True] * bool(remedy)
 
 
-@pytest.mark.parametrize("above", ["Delay: 7 us", "Signal delay: 7 us", "Range: 100 mm/s/V; Delay 7 us"])
-def test_a_delay_above_a_trace_is_asked_about(above: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("above", "asked"),
+    [
+        ("Delay: 7 us", True),
+        ("Signal delay: 7 us", True),
+        ("Range: 100 mm/s/V; Delay 7 us", True),
+        ("Delay between launches: 10 s", False),
+        ("Averages 16, delay between shots 2 s", False),
+    ],
+)
+def test_a_delay_above_a_trace_is_asked_about(above: str, asked: bool, tmp_path: Path) -> None:
     content = trace("Time (us)", lambda k: str(5 * k), above=f"{above}\n")
-    assert "may say when the drive starts" in refused(tmp_path, content, values=HELD)
+    if asked:
+        assert "may say when the drive starts" in refused(tmp_path, content, values=HELD)
+    else:
+        assert one(tmp_path, content, values=HELD).n_points == len(MOTION)
+
+
+def test_a_matter_that_is_given_hides_no_other_of_its_line(tmp_path: Path) -> None:
+    above = "Offset: 1 V, gain x20"
+    said = (("bias_v", 1.0), ("idle_v", 1.0))
+    (found,) = tables(tmp_path, f"{above}\nf (Hz);Vp;Range (um)\n1000;20;25\n", values=said)
+    assert found.above == ((1, above, "give volts behind the amplifier"),)
+
+
+@pytest.mark.parametrize("column", ["Probe ID", "Probe no.", "Probe temperature (°C)"])
+def test_a_probe_in_a_column_is_no_matter(column: str, tmp_path: Path) -> None:
+    assert one(tmp_path, f"f (Hz);Vp;Range (um);{column}\n1000;20;25;7\n1200;20;28;8\n").n_points == 2
 
 
 def test_tables_next_to_one_another_are_not_read_crosswise(tmp_path: Path) -> None:
     line = refused(tmp_path, "f1 (Hz),R1 (um),f2 (Hz),R2 (um)\n1000,25,1100,25.2\n1200,28,1300,28.3\n", values=HELD[1:])
     assert "'f1 (Hz)', 'f2 (Hz)' could all be frequency_hz, each of a table next to the others; save each" in line
+    apart = refused(tmp_path, "f1 (Hz),R1 (um),,f2 (Hz),R2 (um)\n1000,25,,1100,25.2\n", values=HELD[1:])
+    assert "each of a table next to the others" in apart
     other = refused(tmp_path, "Frequency A (Hz),Frequency B (Hz),Range (um)\n1000,1000,25\n", values=HELD[1:])
     assert "next to the others" not in other
 
@@ -564,7 +596,7 @@ def test_a_formula_without_its_value_is_no_empty_cell(value: str | None, asked: 
             saved.writestr(name, text)
     options = Options(waveforms=("sine",))
     if asked:
-        with pytest.raises(InputError, match="cell D2 holds a formula without its value; open the workbook in"):
+        with pytest.raises(InputError, match="cell D2 of sheet 'Sheet' holds a formula without its value; open"):
             read_files([tmp_path / "in.xlsx"], options)
     else:
         assert read_files([tmp_path / "in.xlsx"], options)[0].groups[0].reading.tolist() == [25.0, 25.1, 30.0, 30.4]

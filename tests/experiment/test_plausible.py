@@ -331,15 +331,20 @@ def test_contact_times_are_compared_but_volts_explain_none(factor: float, asked:
     assert [asked in w for w in warnings if "those of group" in w] == [True] * bool(asked)
 
 
-@pytest.mark.parametrize(("noise", "length", "asked"), [(0.2, 1.0, True), (0.0, 1.5, False), (6.0, 1.0, False)])
+@pytest.mark.parametrize(
+    ("noise", "length", "asked"),
+    [(0.2, 1.0, True), (0.0, 1.5, False), (6.0, 1.0, False), (math.inf, 1.0, False)],
+)
 def test_recordings_of_one_drive_differ_by_noise(noise: float, length: float, asked: bool, tmp_path: Path) -> None:
-    """Noise of a hundredth leaves it one drive; another length, or a third of the largest voltage, does not."""
+    """Noise of a hundredth leaves it one drive; another length, much noise, or a burst that ends before, do not."""
     toml = TOML.replace('waveform = "square"', 'waveform = "sine"')
     csv = [HEADER + f"1200,20,{reading}\n1300,20,45\n" for reading in (50, 100)]
     rng = np.random.default_rng(1)
     for name, to, scale in (("a", 1.0, 0.0), ("b", length, noise)):
         toml = toml.replace(f'"sine"\nfile = "{name}.csv"', f'"table"\ndrive = "{name}-u.csv"\nfile = "{name}.csv"')
-        rows = [f"{1000 * to * k / 50:g},{20 * np.sin(k / 8) + scale * rng.normal():.5g}" for k in range(51)]
+        volts = 20 * np.sin(np.arange(51) / 8)
+        volts = np.where(np.arange(51) < 20, volts, 0.0) if math.isinf(scale) else volts + scale * rng.normal(size=51)
+        rows = [f"{1000 * to * k / 50:g},{u:.5g}" for k, u in enumerate(volts)]
         (tmp_path / f"{name}-u.csv").write_text("\n".join(["time_us,voltage_v", *rows]) + "\n")
     warnings = read_experiment(write(tmp_path, toml, csv[0], csv[1].replace("1300", "1400"))).warnings
     assert any("2 times those of group 1" in w for w in warnings) is asked

@@ -125,18 +125,25 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
 
 
 def _moves(tries: Sequence[tuple[Grid, Head]], options: Options) -> bool:
-    """Whether a column of a table is said to be a trace, so that it is more than the drive of other tables."""
-    return any(m.column in TRACES and names(m, head.headings) for _, head in tries for m in options.columns)
+    """Whether a column of a table is a motion, so that it is more than the drive of other tables."""
+    said = any(m.column in TRACES and names(m, head.headings) for _, head in tries for m in options.columns)
+    found = (q for _, head in tries for h, u in zip(head.headings, head.units, strict=True) for q in h.over_time(u))
+    return said or any(q.role == "trace" for q in found)
 
 
 def _named(tables: list[Table]) -> list[Table]:
     """Tables whose groups have their labels as ids, if each has one of its own that can be an id."""
     labels = [label for table in tables for _, label in table.labelled_groups]
-    ids = dict.fromkeys(known for label in labels if (known := id_of(label)) is not None)
+    ids = {str(known).casefold(): known for label in labels if (known := id_of(label)) is not None}
     if len(ids) < len(labels):
         return tables
-    next_id = iter(ids)
-    return [replace(t, groups=tuple(replace(g, id=next(next_id)) for g in t.groups)) for t in tables]
+    next_id = iter(ids.values())
+
+    def named(group: Group) -> Group:
+        known = next(next_id)
+        return replace(group, id=known, file=f"group{known}.csv" if isinstance(known, int) else f"group-{known}.csv")
+
+    return [replace(table, groups=tuple(map(named, table.groups))) for table in tables]
 
 
 def _driven(tables: Sequence[Table], kept: Drive, whole: Drive, recording: Table) -> list[Table]:
@@ -349,8 +356,7 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
     faults = Faults()
     given = options.waveforms
     if len(given) > 1 and len(given) != len(found):
-        apart = f", for {shown(options.drive_file.name)} is the drive alone" if options.drive_file else ""
-        raise InputError(f"{len(given)} waveforms for {len(found)} tables{apart}", "give one, or one for each")
+        raise InputError(f"{len(given)} waveforms for {len(found)} tables", "give one, or one for each")
     for name in (name for name in given if name != TABLE):
         with faults.kept():
             try:

@@ -290,12 +290,10 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], options: O
 
 
 def _in_blocks(head: Head, places: Sequence[int]) -> bool:
-    """Whether columns begin blocks of columns that have the same units, as tables next to one another do."""
-    width = places[1] - places[0]
-    ends = [*places[1:], len(head.headings)]
-    blocks = [tuple(map(head.unit, range(*ends_))) for ends_ in zip(places, ends, strict=True)]
-    texts = [tuple(unit and unit.text for unit in block[1:width]) for block in blocks]
-    return width > 1 and len(set(texts)) == 1 and any(texts[0])
+    """Whether a column in the unit of a reading stands behind each of these, as in tables next to one another."""
+    kinds, units = {q.unit for q in QUANTITIES if q.role in READ}, list(map(head.unit, range(len(head.headings))))
+    ends = zip(places, [*places[1:], len(units)], strict=True)
+    return all(any(unit and unit.kind in kinds for unit in units[begin:end]) for begin, end in ends)
 
 
 def _each_mapped(head: Head, columns: Sequence[Column], options: Options) -> bool:
@@ -502,8 +500,9 @@ def _sounds(grid: Grid, head: Head, column: Column, quantity: Quantity) -> bool:
 def _called(near: Column | None, head: Head, column: str) -> str:
     """The option that makes the nearest column a condition; of volts that are not counted with each way to count."""
     if near is None:
-        units = {h.text: head.unit(place) for place, h in enumerate(head.headings)}
-        several = [option(text, column) for text, unit in units.items() if unit and unit.kind == COLUMNS[column].unit]
+        units = {h.text or str(place + 1): head.unit(place) for place, h in enumerate(head.headings)}
+        of_kind = [text for text, unit in units.items() if unit and unit.kind == COLUMNS[column].unit]
+        several = [option(text, column) for text in of_kind] if column == "frequency_hz" else []
         return " or ".join(several) or option("NAME", column, EXAMPLES[column][0])
     unit = head.unit(near.place)
     upper = near.heading.name in LEVELS[0]

@@ -26,6 +26,11 @@ from psafit.experiment.text import shown
 _NUMBER = r"([-\N{MINUS SIGN}]?\d+(?:[.,]\d+)?)"
 _FROM_TO = re.compile(rf"{_NUMBER}\s*V?\s*(?:to|bis|à|\.\.\.?|…|[-–])\s*\+?{_NUMBER}\s*V\b")
 
+# Words of a line whose voltages are from one amplitude to another, or of an instrument.
+_OTHER_ENDS = frozenset(
+    ("amplitude", "amplitudes", "sweep", "swept", "input", "output", "sensor", "scope", "laser", "adc", "channel")
+)
+
 
 @dataclass(frozen=True)
 class _Line:
@@ -101,20 +106,20 @@ def unread(grid: Grid, head: Head, chosen: Chosen, shape: str) -> Iterator[tuple
         if named and named != shape and shape != TABLE:
             remedy = f"say --waveform {named}" if shape else "correct the waveforms of its rows"
             yield said.line, said.text, remedy
-        elif ends := _ends(said, shape):
-            yield said.line, said.text, ends
         elif said.counts and not any(c.volts == said.counts for c in chosen.columns):
             yield said.line, said.text, f"say --volts {said.counts}"
         elif other:
             yield said.line, said.text, f"say {other}"
         elif of and any(char.isdigit() for char in said.value):
             yield said.line, said.text, f"correct {of} in the rows"
+        elif ends := _ends(said, shape):
+            yield said.line, said.text, ends
 
 
 def _ends(said: _Line, shape: str) -> str:
     """What to say where a line has voltages from one to another that the waveform does not go through."""
-    form = WAVEFORMS.get(shape)
-    if form is None or not (found := _FROM_TO.search(said.text)):
+    form, found = WAVEFORMS.get(shape), _FROM_TO.search(said.text)
+    if form is None or found is None or not _OTHER_ENDS.isdisjoint(words(said.text).split()):
         return ""
     low, high = (float(end.replace(",", ".").replace("\N{MINUS SIGN}", "-")) for end in found.groups())
     least, most = form.span
@@ -122,7 +127,7 @@ def _ends(said: _Line, shape: str) -> str:
         return ""
     raised = f"--waveform unipolar_{shape}, or " if low == 0.0 and f"unipolar_{shape}" in WAVEFORMS else ""
     middle = (low + high) / 2
-    return f"say {raised}--set bias_v={middle:g} --set idle_v=NUMBER with the amplitude from there"
+    return f"if that is the drive, say {raised}--set bias_v={middle:g} --set idle_v=NUMBER, the amplitude from there"
 
 
 def _lines(grid: Grid, head: Head) -> Iterator[_Line]:

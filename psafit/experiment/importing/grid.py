@@ -195,26 +195,24 @@ def _rows(text: str, separator: str, file: Path) -> Iterator[Row]:
         yield Row(line, _trimmed(cells), len(cells))
 
 
-def _uncalculated(file: Path) -> str:
+def _uncalculated(file: Path, sheets: Sequence[str]) -> str:
     """The first cell of an .xlsx whose formula has no value, as programs write it that do not calculate; else empty."""
-    with suppress(Exception), ZipFile(file) as parts:  # an older form, or damaged: what reads it says so
-        for name in (name for name in parts.namelist() if re.fullmatch(r"xl/worksheets/[^/]+\.xml", name)):
-            with parts.open(name) as stream:
-                for _, element in ElementTree.iterparse(stream):
-                    held = {part.tag.rpartition("}")[2]: part.text for part in element}
-                    if "f" in held and not held.get("v") and element.get("t") != "str":
-                        return element.get("r", "")
-                    if element.tag.endswith("}row"):
-                        element.clear()
+    with suppress(Exception), ZipFile(file) as parts:  # of an older form, or damaged in any way: its reader says so
+        book = ElementTree.fromstring(parts.read("xl/workbook.xml"))
+        links = ElementTree.fromstring(parts.read("xl/_rels/workbook.xml.rels"))
+        targets = {link.get("Id"): link.get("Target", "").removeprefix("/xl/") for link in links}
+        for sheet in (sheet for sheet in book.iter() if sheet.tag.endswith("}sheet") and sheet.get("name") in sheets):
+            place = next(value for name, value in sheet.attrib.items() if name.endswith("}id"))
+            raw = parts.read(f"xl/{targets[place]}")
+            for cell in ElementTree.fromstring(raw).iter() if b"<f" in raw else ():
+                held = {part.tag.rpartition("}")[2]: part.text for part in cell}
+                if "f" in held and not held.get("v") and cell.get("t") != "str":
+                    return f"{cell.get('r', '')} of sheet {shown(sheet.get('name', ''))}"
     return ""
 
 
 def _sheets(file: Path, options: Options) -> list[Grid]:
     import python_calamine
-
-    if cell := _uncalculated(file):
-        what = f"cell {cell} holds a formula without its value"
-        raise InputError(what, "open the workbook in a spreadsheet program and save it", file=file)
 
     damaged = InputError("a zip or old office file, but no workbook", "save it anew as .xlsx or CSV", file=file)
     try:
@@ -230,6 +228,9 @@ def _sheets(file: Path, options: Options) -> list[Grid]:
         raise
     except BaseException as error:  # a panic of calamine's is no Exception
         raise damaged from error
+    if cell := _uncalculated(file, chosen):
+        what = f"cell {cell} holds a formula without its value"
+        raise InputError(what, "open the workbook in a spreadsheet program and save it", file=file)
     return [
         Grid(file, tuple(Row(number, _trimmed(row), len(row)) for number, row in enumerate(rows, 1)), sheet=name)
         for name, rows in tables.items()

@@ -78,7 +78,7 @@ MATTERS = (
         remedy="give volts behind the amplifier",
     ),
     Matter(
-        ("attenuation", "attenuator", "probe", "probe attenuation", "probe atten", "probe factor"),
+        ("attenuation", "attenuator", "probe attenuation", "probe atten", "probe factor"),
         nothing=1.0,
         remedy="give volts behind the attenuator",
     ),
@@ -130,12 +130,13 @@ MATTERS = (
 )  # fmt: skip
 
 
+_PROBE = re.compile(r"\bprobe\W*(?:[x×]\s?\d|(?!1\s?[x×])\d+\s?[x×]|1:\d)", re.IGNORECASE)
+_DELAY = re.compile(r"(?:^|[;:,]\s*)(?:\w+ )?(?:delay|verzögerung)\W+\d[\d.,]*\s?[nmuµμ]?s\b", re.IGNORECASE)
 # What a header calls the moment of the trigger on the clock of its samples.
 _TRIGGER = Matter(
     (
         "trigger offset", "trigger delay", "trigger position", "trigger point", "trigger time", "horizontal offset",
-        "horizontal position", "horizontal delay", "hoffset", "x offset", "delay", "delay time", "signal delay",
-        "pretrigger", "pre trigger",
+        "horizontal position", "horizontal delay", "hoffset", "x offset", "delay time", "pretrigger", "pre trigger",
     ),
     nothing=0.0,
 )  # fmt: skip
@@ -161,10 +162,16 @@ def above(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Iterator[
     """
     given = (*CONSTANT_UNITS, *options.held, *(c.column for c in chosen.columns if c.column))
     every = (*(Matter(q.names, q.column, 0.0) for q in QUANTITIES if q.role == "drive"), *MATTERS)
+    shown_lines = set()
     for line, text, matter in _named_above(grid, head, every):
-        if not (matter.flag or matter.column in given):
+        if not (matter.flag or matter.column in given or line in shown_lines):
+            shown_lines.add(line)
             said = f":{_target(matter)}" if _target(matter) != COUNT else ""
             yield line, text, f"say --set {matter.column}=NUMBER{said}" if matter.column else matter.remedy
+    for row in _lines(grid, head):
+        text = " ".join(filter(None, row.texts))
+        if row.line not in shown_lines and _PROBE.search(text):
+            yield row.line, text, "give volts behind the attenuator"
 
 
 def check_trigger(grid: Grid, head: Head, options: Options) -> None:
@@ -175,7 +182,11 @@ def check_trigger(grid: Grid, head: Head, options: Options) -> None:
     InputError
         With the first such line.
     """
-    for line, text, _ in _named_above(grid, head, (_TRIGGER,)) if options.start_us is None else ():
+    if options.start_us is not None:
+        return
+    triggers = [(line, text) for line, text, _ in _named_above(grid, head, (_TRIGGER,))]
+    lines = [(row.line, "; ".join(filter(None, row.texts))) for row in _lines(grid, head)]
+    for line, text in (*triggers, *(one for one in lines if _DELAY.search(one[1]))):
         what = f"{shown(text)} may say when the drive starts, and times may count from there or not"
         remedy = "say --start 0 if the drive starts at time 0, or its time: --start 1.5:ms"
         raise InputError(what, remedy, file=grid.file, line=line)
@@ -183,12 +194,14 @@ def check_trigger(grid: Grid, head: Head, options: Options) -> None:
 
 def _named_above(grid: Grid, head: Head, every: Sequence[Matter]) -> Iterator[tuple[int, str, Matter]]:
     """Lines above the headings with a clause that begins with the name of a matter, unless it changes nothing."""
-    for row in takewhile(lambda row: row.line < head.line, (row for row in grid.rows if not row.is_blank)):
+    for row in _lines(grid, head):
         text = " ".join(filter(None, row.texts))
-        for clause in _clauses(row):
-            if (matter := _named(clause, every)) is not None:
-                yield row.line, text, matter
-                break
+        yield from ((row.line, text, found) for clause in _clauses(row) if (found := _named(clause, every)))
+
+
+def _lines(grid: Grid, head: Head) -> Iterator[Row]:
+    """Lines above the headings."""
+    return takewhile(lambda row: row.line < head.line, (row for row in grid.rows if not row.is_blank))
 
 
 def _clauses(row: Row) -> Iterator[list[str]]:

@@ -174,10 +174,11 @@ def _idle(grid: Grid, samples: Sequence[Reading], volts: FloatArray, options: Op
 
 def at_amplitude(grid: Grid, samples: Sequence[Reading], drive: Drive) -> list[Reading]:
     """Samples whose amplitude, where it was counted peak to peak, is that of the drive that was recorded with them."""
-    if drive.table is None or not drive.table.recorded:
+    if VOLTAGE not in dict(samples[0].values):
         return list(samples)
-    check_ends(grid, samples[0], drive, 2.0 * dict(samples[0].values)["amplitude_v"])
-    factor = 2.0 / peak_to_peak(drive)
+    as_read = peak_to_peak(samples[0].drive)
+    check_ends(grid, samples[0], drive, as_read * dict(samples[0].values)["amplitude_v"])
+    factor = as_read / peak_to_peak(drive)
     return [_times(r, factor) if r.counted == "pp" else r for r in samples]
 
 

@@ -115,7 +115,7 @@ def readings(
             _check_effective(grid, row, drive, counted)
             place = first.place if chosen.traced else 0
             found.append(Reading(row.line, drive, label, tuple(known.items()), place, counted))
-            if not chosen.traced:
+            if not chosen.of(VOLTAGE):
                 check_ends(grid, found[-1], drive, known["amplitude_v"] * peak_to_peak(drive))
             for c, v in read.items():
                 if v is not None and v < 0 and not chosen.traced:
@@ -454,4 +454,4 @@ def groups_of(found: Sequence[Reading]) -> dict[tuple[Drive, str], list[Reading]
     return parts
 
 
-__all__ = ["Reading", "groups_of", "known_waveform", "notation_of", "peak", "readings"]
+__all__ = ["Reading", "check_ends", "groups_of", "known_waveform", "notation_of", "peak", "readings"]

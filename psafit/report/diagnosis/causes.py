@@ -26,6 +26,7 @@ from psafit.diagnose.record.models import (
     ScreeningResult,
 )
 from psafit.diagnose.words import NO_ACTION
+from psafit.experiment import Group
 from psafit.inference.evidence import TRUSTED
 from psafit.report.catalogue import TITLES, cause, model, parameter
 from psafit.report.diagnosis import words
@@ -207,14 +208,18 @@ def leaning(result: Diagnosis, shown: Sequence[Shown], most: int = 12) -> list[l
     far = [(float(tail[row]), g, k) for g in shown for k, row in enumerate(g.rows) if tail[row] > TRUSTED]
     return [
         [
-            Markup("Group {}").format(g.group.id),
+            Markup("Group {}{}").format(g.group.id, _moment(g.group, k)),
             words.quantity(float(g.group.frequency_hz[k]), "Hz"),
             words.quantity(float(g.group.amplitude_v[k]), "V"),
-            "" if (times := g.group.time_us) is None else words.quantity(float(times[k]), "us"),
             fixed(value, 2),
         ]
         for value, g, k in sorted(far, key=lambda row: -row[0])[:most]
     ]
+
+
+def _moment(group: Group, row: int) -> str:
+    """Which sample of a trace a reading is; nothing of a launch as a whole."""
+    return "" if group.time_us is None else f", at {words.quantity(float(group.time_us[row]), 'us')}"
 
 
 def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
