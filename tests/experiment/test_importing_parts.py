@@ -600,3 +600,8 @@ def test_a_formula_without_its_value_is_no_empty_cell(value: str | None, asked: 
             read_files([tmp_path / "in.xlsx"], options)
     else:
         assert read_files([tmp_path / "in.xlsx"], options)[0].groups[0].reading.tolist() == [25.0, 25.1, 30.0, 30.4]
+
+
+def test_a_trace_without_a_sample_behind_its_start_is_one_clear_line(tmp_path: Path) -> None:
+    line = refused(tmp_path, trace("Time (us)", lambda k: str(5 * k)), values=HELD, start_us=100.0)
+    assert "0 samples after the start of the drive" in line

@@ -174,7 +174,7 @@ def _idle(grid: Grid, samples: Sequence[Reading], volts: FloatArray, options: Op
 
 def at_amplitude(grid: Grid, samples: Sequence[Reading], drive: Drive) -> list[Reading]:
     """Samples whose amplitude, where it was counted peak to peak, is that of the drive that was recorded with them."""
-    if VOLTAGE not in dict(samples[0].values):
+    if not samples or VOLTAGE not in dict(samples[0].values):
         return list(samples)
     as_read = peak_to_peak(samples[0].drive)
     check_ends(grid, samples[0], drive, as_read * dict(samples[0].values)["amplitude_v"])
