@@ -697,11 +697,12 @@ def _shared(condition: FloatArray, others: FloatArray, near: float = 0.01) -> in
 def _of_one_drive(first: Drive, second: Drive, near: float = 0.05) -> bool:
     """Whether two drives are the same; voltages that were recorded, but for noise of this part of them."""
     one, two = first.table, second.table
-    if one is None or two is None or not (one.recorded and two.recorded) or first.idle_v != second.idle_v:
+    if one is None or two is None or not (one.recorded and two.recorded):
         return first == second
-    volts, others = one.value - first.idle_v, np.interp(one.at, two.at, two.value) - first.idle_v
+    away, apart = one.value - first.idle_v, np.interp(one.at, two.at, two.value) - one.value
     as_long = abs(two.at[-1] - one.at[-1]) <= near * one.at[-1]
-    return bool(as_long and np.linalg.norm(others - volts) <= near * np.linalg.norm(volts))
+    at_rest = abs(second.idle_v - first.idle_v) <= near * np.abs(away).max()
+    return bool(as_long and at_rest and np.linalg.norm(apart) <= near * np.linalg.norm(away))
 
 
 def _of_one_condition(first: Group, second: Group) -> bool:

@@ -341,7 +341,8 @@ def test_recordings_of_one_drive_differ_by_noise(noise: float, length: float, as
     csv = [HEADER + f"1200,20,{reading}\n1300,20,45\n" for reading in (50, 100)]
     rng = np.random.default_rng(1)
     for name, to, scale in (("a", 1.0, 0.0), ("b", length, noise)):
-        toml = toml.replace(f'"sine"\nfile = "{name}.csv"', f'"table"\ndrive = "{name}-u.csv"\nfile = "{name}.csv"')
+        table = f'"table"\ndrive = "{name}-u.csv"\nidle_v = {0.01 * (name == "b")}\nfile = "{name}.csv"'
+        toml = toml.replace(f'"sine"\nfile = "{name}.csv"', table)
         volts = 20 * np.sin(np.arange(51) / 8)
         volts = np.where(np.arange(51) < 20, volts, 0.0) if math.isinf(scale) else volts + scale * rng.normal(size=51)
         rows = [f"{1000 * to * k / 50:g},{u:.5g}" for k, u in enumerate(volts)]

@@ -426,10 +426,10 @@ def check_ends(grid: Grid, reading: Reading, drive: Drive, peak_to_peak_v: float
     table = drive.table
     if reading.counted != "pp" or table is None or not table.recorded:
         return
-    values, span = [*table.value, drive.idle_v], float(table.at[-1])
-    frequency = dict(reading.values)["frequency_hz"]
-    if span * frequency < 1.0 and max(values) - min(values) < reach * peak_to_peak_v:
-        seen = f"{min(values):.4g} to {max(values):.4g} V in {1e6 * span:g} us, less than a period"
+    low, high = min(drive.idle_v, float(table.value.min())), max(drive.idle_v, float(table.value.max()))
+    span = float(table.at[-1])
+    if span * dict(reading.values)["frequency_hz"] < 1.0 and high - low < reach * peak_to_peak_v:
+        seen = f"{low:.4g} to {high:.4g} V in {1e6 * span:g} us, less than a period"
         what = f"{peak_to_peak_v:g} V peak to peak, and the recorded drive goes from {seen}: it does not show both ends"
         raise InputError(what, "give amplitude_v zero to peak, in Vp", file=grid.file, line=reading.line)
 
