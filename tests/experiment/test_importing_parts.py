@@ -605,3 +605,18 @@ def test_a_formula_without_its_value_is_no_empty_cell(value: str | None, asked: 
 def test_a_trace_without_a_sample_behind_its_start_is_one_clear_line(tmp_path: Path) -> None:
     line = refused(tmp_path, trace("Time (us)", lambda k: str(5 * k)), values=HELD, start_us=100.0)
     assert "0 samples after the start of the drive" in line
+
+
+def test_samples_next_to_a_header_are_no_headings(tmp_path: Path) -> None:
+    """As an oscilloscope of the nineties writes them; what the line proposes reads them."""
+    header = ["Record Length,2.5e+03", "Sample Interval,4e-06", "Vertical Units,V", "Horizontal Units,s", "Model,TDS"]
+    samples = [f",{4e-6 * k:.9f},{2e-3 * k * k:.5f}," for k in range(30)]
+    content = "\n".join([*map("".join, zip([f"{h}," for h in header], samples, strict=False))] + [
+        f",,{sample}" for sample in samples[len(header) :]
+    ])  # fmt: skip
+    line = refused(tmp_path, content, values=HELD)
+    assert "of samples over time --column 4=time_us:s --column 5=velocity_mm_s:m/s" in line
+    columns = tuple(proposed(line.partition("of samples")[2], k) for k in (0, 1))
+    assert one(tmp_path, content, values=HELD, columns=columns).reading.tolist() == [
+        pytest.approx(2.0 * k * k) for k in range(30)
+    ]

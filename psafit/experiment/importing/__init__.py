@@ -245,6 +245,11 @@ def _heads(file: Path, options: Options, example: str, units: Sequence[str] = ()
         raise InputError("the file is empty", "give one that holds readings below headings", file=file, line=1)
     if not tries:
         remedy = f"name the columns: --column 'NAME={example}', or by number: --column 1={example}"
+        last = next((row for grid in found for row in reversed(grid.rows) if sum(map(is_number, row.cells)) > 1), None)
+        if last:
+            time, read, *_ = (place + 1 for place, cell in enumerate(last.cells) if is_number(cell))
+            samples = option(str(time), TIME, "s"), option(str(read), "velocity_mm_s", "m/s")
+            remedy = f"{remedy}; of samples over time {' '.join(samples)}"
         raise InputError("no column is recognised", remedy, file=file, line=1)
     return tries
 

@@ -185,6 +185,8 @@ def find_head(
             continue
         texts = _uncommented(row, grid.separator in BLANKS)
         channels = _channels(grid, index)
+        if _goes_on(grid, index):
+            continue
         if not channels and sum(map(is_number, row.cells)) > sum(bool(t) and not is_number(t) for t in texts):
             begun = begun or _holds(row, options)
             continue
@@ -216,6 +218,13 @@ def find_head(
     if best is None or (not sure and best[1].known < max(2, len({m.column for m in options.columns}))):
         return _without_headings(grid, options) or (best and best[1])
     return best[1]
+
+
+def _goes_on(grid: Grid, index: int) -> bool:
+    """Whether a row has several numbers with decimals under some of the row above, as samples next to a header have."""
+    row, before = grid.rows[index].texts, grid.rows[index - 1].texts if index else ()
+    fractions = [[bool(text) and not text.isdigit() and is_number(text) for text in texts] for texts in (before, row)]
+    return sum(both == (True, True) for both in zip(*fractions, strict=False)) > 1
 
 
 def _shared_end(texts: Sequence[str]) -> str:
