@@ -6,14 +6,13 @@ import re
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import takewhile
 
 from psafit.drives import TABLE, WAVEFORMS, Drive
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.chosen import SETTINGS, Chosen, Column, option
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import heading
-from psafit.experiment.importing.layout import Head, named_waveform, waveform
+from psafit.experiment.importing.layout import Head, named_waveform, rows_above, waveform
 from psafit.experiment.importing.numerals import Number, in_both
 from psafit.experiment.importing.quantities import COLUMNS, COMMENTS, COUNTED, SUFFIXES, VOLTAGES, VOLTS, Volts, words
 from psafit.experiment.importing.records import Options
@@ -131,8 +130,7 @@ def _ends(said: _Line, shape: str) -> str:
 
 
 def _lines(grid: Grid, head: Head) -> Iterator[_Line]:
-    for row in takewhile(lambda row: row.line < head.line, (row for row in grid.rows if not row.is_blank)):
-        yield _parts(row)
+    return map(_parts, rows_above(grid, head))
 
 
 def _parts(row: Row) -> _Line:

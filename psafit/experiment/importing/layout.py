@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 import shlex
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 
 from psafit.drives import WAVEFORMS
 from psafit.errors import Faults, InputError
@@ -154,6 +155,11 @@ def names_condition(text: str) -> bool:
     named, said = heading(text), unit(text)
     of_kind = said is not None and said.kind in ("Hz", "V")
     return of_kind or any(named.would_be(COLUMNS[name]) for name in CONDITION_COLUMNS)
+
+
+def rows_above(grid: Grid, head: Head) -> Iterator[Row]:
+    """Rows above the headings that are not blank."""
+    return takewhile(lambda row: row.line < head.line, (row for row in grid.rows if not row.is_blank))
 
 
 def is_comment(text: str) -> bool:

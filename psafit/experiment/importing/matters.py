@@ -5,13 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import takewhile
 from operator import itemgetter
 
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.chosen import Chosen, Column, cells, fault, option
 from psafit.experiment.importing.grid import Grid, Row
-from psafit.experiment.importing.layout import Head, is_comment
+from psafit.experiment.importing.layout import Head, is_comment, rows_above
 from psafit.experiment.importing.numerals import is_number, likeliest
 from psafit.experiment.importing.quantities import CHANNELS, COLUMNS, COUNT, QUANTITIES, words
 from psafit.experiment.importing.records import IGNORED, Options
@@ -168,7 +167,7 @@ def above(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Iterator[
             shown_lines.add(line)
             said = f":{_target(matter)}" if _target(matter) != COUNT else ""
             yield line, text, f"say --set {matter.column}=NUMBER{said}" if matter.column else matter.remedy
-    for row in _lines(grid, head):
+    for row in rows_above(grid, head):
         text = " ".join(filter(None, row.texts))
         if row.line not in shown_lines and _PROBE.search(text):
             yield row.line, text, "give volts behind the attenuator"
@@ -185,7 +184,7 @@ def check_trigger(grid: Grid, head: Head, options: Options) -> None:
     if options.start_us is not None:
         return
     triggers = [(line, text) for line, text, _ in _named_above(grid, head, (_TRIGGER,))]
-    lines = [(row.line, "; ".join(filter(None, row.texts))) for row in _lines(grid, head)]
+    lines = [(row.line, "; ".join(filter(None, row.texts))) for row in rows_above(grid, head)]
     for line, text in (*triggers, *(one for one in lines if _DELAY.search(one[1]))):
         what = f"{shown(text)} may say when the drive starts, and times may count from there or not"
         remedy = "say --start 0 if the drive starts at time 0, or its time: --start 1.5:ms"
@@ -194,14 +193,9 @@ def check_trigger(grid: Grid, head: Head, options: Options) -> None:
 
 def _named_above(grid: Grid, head: Head, every: Sequence[Matter]) -> Iterator[tuple[int, str, Matter]]:
     """Lines above the headings with a clause that begins with the name of a matter, unless it changes nothing."""
-    for row in _lines(grid, head):
+    for row in rows_above(grid, head):
         text = " ".join(filter(None, row.texts))
         yield from ((row.line, text, found) for clause in _clauses(row) if (found := _named(clause, every)))
-
-
-def _lines(grid: Grid, head: Head) -> Iterator[Row]:
-    """Lines above the headings."""
-    return takewhile(lambda row: row.line < head.line, (row for row in grid.rows if not row.is_blank))
 
 
 def _clauses(row: Row) -> Iterator[list[str]]:
