@@ -258,7 +258,7 @@ def _columns_text(table: Table) -> list[str]:
             for reading in example.readings
         )
         lines.append(f"  line {example.line}: {' | '.join(example.cells)[:80]}  ->  {readings}")
-    for g, label in table.labelled_groups:
+    for g, label in table.renamed_groups:
         read = count(g.n_points, "reading")
         if g.time_us is not None:
             read = f"{count(g.n_points, 'sample')} of the {g.observable.title}"
@@ -267,7 +267,7 @@ def _columns_text(table: Table) -> list[str]:
         at_rest = f" from {g.drive.idle_v:.4g} V" if g.drive.idle_v else ""
         phase = f" at {g.drive.phase_deg:g} degrees" if g.drive.phase_deg else ""
         lasts = f" for {g.drive.cycles:g} periods" if g.drive.cycles < math.inf else ""
-        named = f" ({label!r})" if label and label != str(g.id) else ""
+        named = f" ({label!r})" if label else ""
         lines.append(f"  group {g.id}{named}: {drive}{bias}{at_rest}{phase}{lasts}, {read}, {g.file}")
     return lines
 

@@ -31,7 +31,7 @@ _POSITIVE = tuple(o.column for o in OF_LAUNCHES if o.blank)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f]\d{3})+(\.\d*)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
-_IMPORT = "psafit import reads other forms"
+IMPORT = "psafit import reads other forms"
 _USUAL = (*CONDITION_COLUMNS, LAUNCH_RANGE.column)
 _HEADER_REMEDY = (
     f"the first line must read {','.join(_USUAL)} (and {LAUNCH_RANGE.sigma_column} if known), or in the place of the"
@@ -343,7 +343,7 @@ def _foreign(names: Sequence[str]) -> tuple[str, str] | None:
     """What is wrong with a header that is none of launches at all, and the remedy."""
     if separator := _other_separator(names):
         return (
-            f"columns are separated by {separator}", f"separate them with commas, and write decimal points; {_IMPORT}"
+            f"columns are separated by {separator}", f"separate them with commas, and write decimal points; {IMPORT}"
         )  # fmt: skip
     if all(_NUMBER.fullmatch(name) for name in names):
         return f"unknown column {shown(names[0])}: the file begins with numbers, without a header", _HEADER_REMEDY
@@ -380,7 +380,7 @@ def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]
             unit = _UNITS[near[0]]
             meant.add(near[0])
             more = not set(re.split(r"\W|_", name.lower())) <= set(near[0].split("_"))  # perhaps another unit
-            other = f" {_IMPORT}" if more else ""
+            other = f" {IMPORT}" if more else ""
             remedy = f"did you mean {near[0]}, in {unit}?{other}"
             add(f"unknown column {shown(name)}", remedy)
         else:
@@ -395,7 +395,7 @@ def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]
         if wrong:
             remedy = _HEADER_REMEDY
             if what == "unknown column":
-                remedy += f"; {_IMPORT}"
+                remedy += f"; {IMPORT}"
             if what == "missing column" and wrong == [shown("launch_range_um")]:
                 remedy += "; without readings it is a plan, which psafit simulate takes"
             add(f"{what}{'s' * (len(wrong) > 1)} {listed(wrong[:5])}{', ...' * (len(wrong) > 5)}", remedy)
@@ -441,8 +441,8 @@ def plain(cell: str) -> float:
     if _THOUSANDS.fullmatch(cell):
         raise CellFault(
             f"{shown(cell)} has a thousands separator",
-            f"write the digits alone, with a decimal point if one is meant; {_IMPORT}",
+            f"write the digits alone, with a decimal point if one is meant; {IMPORT}",
         )
     if "," in cell:
-        raise CellFault(f"{shown(cell)} has a comma", f"write a decimal point; {_IMPORT}")
-    raise CellFault(f"{shown(cell)} is not a number", f"write the number alone, without a unit; {_IMPORT}")
+        raise CellFault(f"{shown(cell)} has a comma", f"write a decimal point; {IMPORT}")
+    raise CellFault(f"{shown(cell)} is not a number", f"write the number alone, without a unit; {IMPORT}")

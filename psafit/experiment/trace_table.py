@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from psafit.errors import InputError
-from psafit.experiment.table import CellFault, RowFaults, headed, pairs, plain
+from psafit.experiment.table import IMPORT, CellFault, RowFaults, headed, pairs, plain
 from psafit.experiment.text import listed, shown
 from psafit.observables import OBSERVABLES
 
@@ -104,7 +104,7 @@ def _column(names: list[str], file: Path, line: int) -> str:
         what = f"unknown column{'s' * (len(unknown) > 1)} {listed(unknown)}" if unknown else f"repeated column {TIME}"
     else:
         return here[0]
-    raise InputError(what, f"{_HEADER}; psafit import reads other forms", file=file, line=line)
+    raise InputError(what, f"{_HEADER}; {IMPORT}", file=file, line=line)
 
 
 def out_of_order(before: float, time: float) -> tuple[str, str]:

@@ -45,7 +45,7 @@ from psafit.experiment.importing.order import check_order
 from psafit.experiment.importing.origin import check_origin, unread_origin
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, QUANTITIES, SEPARATORS, SUFFIXES, VOLTS, words
 from psafit.experiment.importing.recorded import recorded
-from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
+from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood, file_of
 from psafit.experiment.importing.steps import STEP, with_counts
 from psafit.experiment.importing.traces import from_start, trace_of
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
@@ -138,12 +138,10 @@ def _named(tables: list[Table]) -> list[Table]:
     if len(ids) < len(labels):
         return tables
     next_id = iter(ids.values())
-
-    def named(group: Group) -> Group:
-        known = next(next_id)
-        return replace(group, id=known, file=f"group{known}.csv" if isinstance(known, int) else f"group-{known}.csv")
-
-    return [replace(table, groups=tuple(map(named, table.groups))) for table in tables]
+    return [
+        replace(t, groups=tuple(replace(g, id=(known := next(next_id)), file=file_of(known)) for g in t.groups))
+        for t in tables
+    ]
 
 
 def _driven(tables: Sequence[Table], kept: Drive, whole: Drive, recording: Table) -> list[Table]:
@@ -574,4 +572,4 @@ def _group(number: int, part: Sequence[Reading]) -> Group:
     """Readings as a group of its own."""
     names = dict.fromkeys(name for reading in part for name, _ in reading.values)
     columns = {name: np.array([dict(reading.values).get(name, np.nan) for reading in part]) for name in names}
-    return Group(number, part[0].drive, f"group{number}.csv", changed=(), **readings_of(columns))
+    return Group(number, part[0].drive, file_of(number), changed=(), **readings_of(columns))

@@ -100,10 +100,9 @@ def write_import(imported: Imported, folder: Path) -> None:
     parts.append(beliefs_text(imported.beliefs))
     for table in imported.tables:
         parts.append(f"\n# {one_line(table.place)}: {one_line('; '.join(map(_column_text, table.columns)))}\n")
-        for group, label in table.labelled_groups:
+        for group, label in table.renamed_groups:
             text = group_text(group, group.file).lstrip("\n")
-            said = label and label != str(group.id)
-            parts.append(text.replace("\n", f" # {one_line(label)}\n", 1) if said else text)
+            parts.append(text.replace("\n", f" # {one_line(label)}\n", 1) if label else text)
             write_atomically(folder / group.file, table_text(group).encode())
     for name, text in drive_files([group for table in imported.tables for group in table.groups]).items():
         write_atomically(folder / name, text.encode())

@@ -100,7 +100,7 @@ def grids(file: Path, options: Options) -> list[Grid]:
             f"larger than {options.most_bytes // 1024**2} MiB", "split it, or keep measurements only", file=file
         )
     if raw.startswith(_WORKBOOKS):
-        return _sheets(file, options)
+        return _sheets(file, raw, options)
     if kind := signed(raw):
         raise InputError(f"{kind}, no table", "save what it holds as CSV or .xlsx", file=file, line=1)
     text, encoding = _decoded(raw, file, options.encoding)
@@ -195,23 +195,23 @@ def _rows(text: str, separator: str, file: Path) -> Iterator[Row]:
         yield Row(line, _trimmed(cells), len(cells))
 
 
-def _uncalculated(file: Path, sheets: Sequence[str]) -> str:
+def _uncalculated(raw: bytes, sheets: Sequence[str]) -> str:
     """The first cell of an .xlsx whose formula has no value, as programs write it that do not calculate; else empty."""
-    with suppress(Exception), ZipFile(file) as parts:  # of an older form, or damaged in any way: its reader says so
+    with suppress(Exception), ZipFile(io.BytesIO(raw)) as parts:  # an older form, or damaged: its reader says so
         book = ElementTree.fromstring(parts.read("xl/workbook.xml"))
         links = ElementTree.fromstring(parts.read("xl/_rels/workbook.xml.rels"))
         targets = {link.get("Id"): link.get("Target", "").removeprefix("/xl/") for link in links}
         for sheet in (sheet for sheet in book.iter() if sheet.tag.endswith("}sheet") and sheet.get("name") in sheets):
             place = next(value for name, value in sheet.attrib.items() if name.endswith("}id"))
-            raw = parts.read(f"xl/{targets[place]}")
-            for cell in ElementTree.fromstring(raw).iter() if b"<f" in raw else ():
+            text = parts.read(f"xl/{targets[place]}")
+            for cell in ElementTree.fromstring(text).iter() if b"<f" in text else ():
                 held = {part.tag.rpartition("}")[2]: part.text for part in cell}
                 if "f" in held and not held.get("v") and cell.get("t") != "str":
                     return f"{cell.get('r', '')} of sheet {shown(sheet.get('name', ''))}"
     return ""
 
 
-def _sheets(file: Path, options: Options) -> list[Grid]:
+def _sheets(file: Path, raw: bytes, options: Options) -> list[Grid]:
     import python_calamine
 
     damaged = InputError("a zip or old office file, but no workbook", "save it anew as .xlsx or CSV", file=file)
@@ -228,7 +228,7 @@ def _sheets(file: Path, options: Options) -> list[Grid]:
         raise
     except BaseException as error:  # a panic of calamine's is no Exception
         raise damaged from error
-    if cell := _uncalculated(file, chosen):
+    if cell := _uncalculated(raw, chosen):
         what = f"cell {cell} holds a formula without its value"
         raise InputError(what, "open the workbook in a spreadsheet program and save it", file=file)
     return [

@@ -176,9 +176,8 @@ def at_amplitude(grid: Grid, samples: Sequence[Reading], drive: Drive) -> list[R
     """Samples whose amplitude, where it was counted peak to peak, is that of the drive that was recorded with them."""
     if not samples or VOLTAGE not in dict(samples[0].values):
         return list(samples)
-    as_read = peak_to_peak(samples[0].drive)
-    check_ends(grid, samples[0], drive, as_read * dict(samples[0].values)["amplitude_v"])
-    factor = as_read / peak_to_peak(drive)
+    check_ends(grid, samples[0], drive)
+    factor = peak_to_peak(samples[0].drive) / peak_to_peak(drive)
     return [_times(r, factor) if r.counted == "pp" else r for r in samples]
 
 

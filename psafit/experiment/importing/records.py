@@ -11,13 +11,18 @@ from psafit.errors import InputError
 from psafit.experiment.drive_table import SETTING_LIMITS
 from psafit.experiment.importing.quantities import VOLTS, Volts
 from psafit.experiment.importing.units import Unit
-from psafit.experiment.records import Group
+from psafit.experiment.records import Group, GroupId
 
 IGNORED = "ignore"
 GROUPS = "group"
 
 Held = float | tuple[float | None, ...]
 """What was held, of all tables or of each; None of a table that has none, or has it in a column."""
+
+
+def file_of(group_id: GroupId) -> str:
+    """The file of a group's readings."""
+    return f"group{group_id}.csv" if isinstance(group_id, int) else f"group-{group_id}.csv"
 
 
 @dataclass(frozen=True)
@@ -244,6 +249,11 @@ class Table:
     def place(self) -> str:
         """File, and sheet where there is one."""
         return f"{self.file.name}, sheet {self.sheet}" if self.sheet else self.file.name
+
+    @property
+    def renamed_groups(self) -> list[tuple[Group, str]]:
+        """Each group with its label, where that is not its id."""
+        return [(group, label if label != str(group.id) else "") for group, label in self.labelled_groups]
 
     @property
     def labelled_groups(self) -> list[tuple[Group, str]]:

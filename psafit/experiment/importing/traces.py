@@ -16,7 +16,7 @@ from psafit.experiment.importing.chosen import VOLTAGE
 from psafit.experiment.importing.clock import early, less
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.recorded import at_amplitude, drive_of
-from psafit.experiment.importing.records import Options
+from psafit.experiment.importing.records import Options, file_of
 from psafit.experiment.importing.values import Reading
 from psafit.experiment.records import CONDITION_COLUMNS, Group
 from psafit.experiment.table import CellFault, RowFaults
@@ -167,7 +167,7 @@ def trace_of(number: int, trace: Trace) -> Group:
     return Group(
         number,
         replace(drive, file=f"drive{number}.csv") if drive.recorded and not drive.file else drive,
-        f"group{number}.csv",
+        file_of(number),
         values["frequency_hz"],
         values["amplitude_v"],
         time_us=values[TIME],

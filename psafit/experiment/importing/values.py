@@ -116,7 +116,7 @@ def readings(
             place = first.place if chosen.traced else 0
             found.append(Reading(row.line, drive, label, tuple(known.items()), place, counted))
             if not chosen.of(VOLTAGE):
-                check_ends(grid, found[-1], drive, known["amplitude_v"] * peak_to_peak(drive))
+                check_ends(grid, found[-1], drive)
             for c, v in read.items():
                 if v is not None and v < 0 and not chosen.traced:
                     faults.below.setdefault(c.column, []).append((row.line, text_of(_cell(row, c)), known))
@@ -415,8 +415,10 @@ def _factor(number: Number, column: Column, drive: Drive, text: str) -> Decimal:
     return factor * peak(volts, drive)
 
 
-def check_ends(grid: Grid, reading: Reading, drive: Drive, peak_to_peak_v: float, reach: float = 0.98) -> None:
+def check_ends(grid: Grid, reading: Reading, drive: Drive, reach: float = 0.98) -> None:
     """Volts from peak to peak are those of a recording that shows both ends, to within a factor, or a whole period.
+
+    They are still counted by the drive of the reading.
 
     Raises
     ------
@@ -426,11 +428,14 @@ def check_ends(grid: Grid, reading: Reading, drive: Drive, peak_to_peak_v: float
     table = drive.table
     if reading.counted != "pp" or table is None or not table.recorded:
         return
+    values, span = dict(reading.values), float(table.at[-1])
+    if span * values["frequency_hz"] >= 1.0:
+        return
     low, high = min(drive.idle_v, float(table.value.min())), max(drive.idle_v, float(table.value.max()))
-    span = float(table.at[-1])
-    if span * dict(reading.values)["frequency_hz"] < 1.0 and high - low < reach * peak_to_peak_v:
+    stated = values["amplitude_v"] * peak_to_peak(reading.drive)
+    if high - low < reach * stated:
         seen = f"{low:.4g} to {high:.4g} V in {1e6 * span:g} us, less than a period"
-        what = f"{peak_to_peak_v:g} V peak to peak, and the recorded drive goes from {seen}: it does not show both ends"
+        what = f"{stated:g} V peak to peak, and the recorded drive goes from {seen}: it does not show both ends"
         raise InputError(what, "give amplitude_v zero to peak, in Vp", file=grid.file, line=reading.line)
 
 
