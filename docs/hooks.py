@@ -19,6 +19,8 @@ _LATEX = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>'
 # The dash before a description that is not there.
 _DASH = re.compile(r'–(\s*<div class="doc-md-description">\s*</div>)')
 _CELL, _LONG = re.compile(r"<td[^>]*>.*?</td>", flags=re.DOTALL), re.compile(r"(?<=<code>)[^<]{31,}(?=</code>)")
+# The default that a function makes anew for each record.
+_MADE = re.compile(r"^\(lambda: (.*)\)\(\)$", flags=re.DOTALL)
 _FUNCTIONS = "sin|cos|tan|sech|arcsin|asinh|ln|exp|max|min|Re"
 # The spaces TeX would set, and characters that browsers do not derive from an attribute.
 _SETTING = (
@@ -69,16 +71,28 @@ class Mathematics(Extension):
         md.postprocessors.register(MathML(md), "mathml", 0)  # everything has been put back
 
 
-class Units(griffe.Extension):
-    """Types such as "array, m/s" as they were written: griffe takes them for tuples and quotients."""
+class Docstrings(griffe.Extension):
+    """Types and defaults as they were written.
+
+    griffe takes types such as "array, m/s" for tuples and quotients. Of names that share a line it takes the first
+    one's default for all, and its type where the line has none.
+    """
 
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
+        own = {p.name: p for p in obj.parameters} if isinstance(obj, griffe.Class | griffe.Function) else {}
+        for parameter in own.values():
+            parameter.default = parameter.default and _MADE.sub(r"\1", str(parameter.default))
         for section in obj.docstring.parsed if obj.docstring else ():
             if section.kind.value not in ("parameters", "returns"):
                 continue
             for item in section.value:
-                if isinstance(item.annotation, griffe.ExprTuple | griffe.ExprBinOp) and "," in str(item.annotation):
-                    item.annotation = str(item.annotation).strip("()").replace(" / ", "/")
+                said = item.annotation
+                if isinstance(said, griffe.ExprTuple | griffe.ExprBinOp) and getattr(said, "operator", "") != "|":
+                    item.annotation = str(said).strip("()").replace(" / ", "/").replace(" - ", "-").replace(" ^ ", "^")
+                if section.kind.value == "parameters" and item.name in own:
+                    item.value = own[item.name].default
+                    if any(said is parameter.annotation for parameter in own.values()):
+                        item.annotation = own[item.name].annotation
 
 
 class Notebook(File):

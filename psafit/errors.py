@@ -124,8 +124,10 @@ class ConvergenceError(PsafitError):
     ----------
     what : str
         The iteration.
-    reached, required : float
-        Where it stands and where it should be.
+    reached : float
+        Where it stands.
+    required : float
+        Where it should be.
     """
 
     def __init__(self, what: str, *, reached: float, required: float) -> None:

@@ -151,14 +151,14 @@ def lengths(text: str) -> dict[str, tuple[int, bool]]:
 
 
 def test_functions_are_short() -> None:
-    """None is over 80 lines, with its docstring; compiled kernels, which keep their state at hand, may have 150."""
+    """None is over 80 lines, with its docstring; compiled kernels, which keep their state at hand, are below 150."""
     assert lengths("@compiled(borrows=True)\ndef f(x):\n    return x\n") == {"f": (2, True)}
     files = [p for part in ("psafit", "benchmarks", "docs", "tests") for p in sorted((ROOT / part).rglob("*.py"))]
     long = [
         f"{path.relative_to(ROOT)}: {name} has {n} lines"
         for path in files
         for name, (n, kernel) in lengths(path.read_text("utf-8")).items()
-        if n > (150 if kernel else 80)
+        if n > (149 if kernel else 80)
     ]
     assert not long, "\n" + "\n".join(long)
 

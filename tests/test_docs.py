@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import importlib.util
 import os
 import pkgutil
@@ -27,6 +28,7 @@ from psafit import cli, physics, plugins
 from psafit.cli import common
 from psafit.errors import InputError
 from psafit.experiment import Experiment, read_experiment, write_experiment
+from psafit.model_search.settings import SearchSettings
 from psafit.physics import plugin, term
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -643,6 +645,11 @@ def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path: Path
     assert pages["causes.html"].count("<math") > 100
     assert 'id="psafit.inference.run.fit"' in pages["api/inference.html"]
     assert (tmp_path / "search" / "search_index.js").stat().st_size > 50_000
+    words = " ".join(html.unescape(re.sub(r"<[^>]+>", " ", pages["api/diagnose.html"])).split())
+    of_one_line = (
+        f"{name} ( int , default: {getattr(SearchSettings, name)} )" for name in ("short_draws", "short_starts")
+    )
+    assert all(said in words for said in of_one_line) and "seconds ( dict [ str , float ] )" in words
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make")

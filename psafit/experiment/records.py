@@ -40,8 +40,20 @@ CONSTANT_UNITS = {"M": "kg", "m": "kg", "q": "m/V", "l": "m", "k_s": "N/m", "g":
 class Constants:
     """Known constants of the rig, SI units (Table 3 of the study).
 
-    M ball mass kg; m stack mass kg; q free stroke per volt m/V; l string length m;
-    k_s stack stiffness N/m; g gravity m/s^2.
+    Parameters
+    ----------
+    M : float, kg
+        Ball.
+    m : float, kg
+        Stack.
+    q : float, m/V
+        Free stroke per volt.
+    l : float, m
+        String.
+    k_s : float, N/m
+        Stack stiffness.
+    g : float, m/s^2
+        Gravity.
     """
 
     M: float

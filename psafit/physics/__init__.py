@@ -199,6 +199,8 @@ def _refused(belief: Followed, reason: str) -> tuple[str, str]:
 def label(name: str) -> str:
     """A parameter of the baseline or of a cause with its unit, if it has one.
 
+    Examples
+    --------
     >>> label("k_c"), label("no_tension_s")
     ('k_c (N/m)', 'no_tension_s')
     """

@@ -48,10 +48,14 @@ class Setup:
     ----------
     k_c : array, N/m
         Contact stiffness.
-    c_s, c_c : array, N s/m
-        Structural and contact damping.
-    m, M : array, kg
-        Stack and ball.
+    c_s : array, N s/m
+        Structural damping.
+    c_c : array, N s/m
+        Contact damping.
+    m : array, kg
+        Stack.
+    M : array, kg
+        Ball.
     k_s : array, N/m
         Stack stiffness.
     q : array, m/V
@@ -82,8 +86,12 @@ class Setup:
         rest is held by up to as much.
     rub : array, m/s^2
         The same in the hop.
-    wall_mass, wall_stiffness, wall_damping : array, kg, N/m, N s/m
+    wall_mass : array, kg
         Of the wall that the stack stands on; without a mass it stands still.
+    wall_stiffness : array, N/m
+        Of the wall.
+    wall_damping : array, N s/m
+        Of the wall.
     scale : array
         Factor on the amplitude of the command; a recorded voltage ignores it.
     idle : array, V

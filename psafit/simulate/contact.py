@@ -23,9 +23,11 @@ class Contact:
     Parameters
     ----------
     time : (n_times,) array, s
-    tip, ball : (n_times,) arrays, m
-        Displacements x1 and x2.
-    tip_speed, ball_speed : (n_times,) arrays, m/s
+    tip : (n_times,) array, m
+        Displacement x1 of the stack's tip.
+    ball : (n_times,) array, m
+        Displacement x2.
+    tip_speed, ball_speed : (n_times,) array, m/s
     indentation : (n_times,) array, m
     indentation_rate : (n_times,) array, m/s
     force : (n_times,) array, N
@@ -36,8 +38,10 @@ class Contact:
         t_d.
     compression_time : float, s
         When the indentation is largest.
-    compression_impulse, restitution_impulse : float, N s
-        Impulse of the contact force before and after `compression_time`.
+    compression_impulse : float, N s
+        Impulse of the contact force before `compression_time`.
+    restitution_impulse : float, N s
+        Impulse of the contact force after it.
     """
 
     time: FloatArray

@@ -898,8 +898,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
         room = piece[_drive.END] - t
         level = _level_for(level, room, rough, w, d, F, how.last_impulse * tolerance * ball * reference)
         _ready(level, rig, cache)
-        h = _LENGTH[level]
-        at = level * NODES * NODES
+        h, at = _LENGTH[level], level * NODES * NODES
 
         # A ball that is held does not answer the force.
         V1, V2 = (T1, T2) if stuck else (U1, U2)
