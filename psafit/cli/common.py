@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import sys
@@ -109,7 +110,24 @@ EXPERIMENT = click.argument("experiment", metavar="EXP", type=Place("input"))
 RUN = click.argument("run", metavar="RUN", type=Place("input"))
 SEED = click.option("--seed", type=click.IntRange(0, LARGEST_SEED), default=1, show_default=True)
 STANDING_IN = ": these values may stand in for what the model lacks"
-QUIET = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+
+
+class _Spoken(logging.Handler):
+    """Prints what is logged."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        click.echo(f"psafit: {record.getMessage()}", err=True)
+
+
+def _heard(_context: click.Context, _option: click.Parameter, quiet: bool) -> bool:
+    log = logging.getLogger("psafit")
+    log.setLevel(logging.WARNING if quiet else logging.INFO)
+    if not log.handlers:
+        log.addHandler(_Spoken())
+    return quiet
+
+
+QUIET = click.option("--quiet", is_flag=True, callback=_heard, help="Print nothing but errors.")
 JSON = click.option("--json", "json_file", metavar="FILE", type=Place("file"), help="Write the result to FILE as JSON.")
 PLUGIN = click.option(
     "--plugin",

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import operator
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from numba import extending, njit, types
-from numba.core import cgutils
+from numba.core import cgutils, event
 from numba.core.typing.templates import ConcreteTemplate, infer_global
 from numba.extending import lower_builtin, models, register_model
 
@@ -28,6 +29,23 @@ def _stamp() -> bytes:
 
 
 _STAMP = _stamp()
+
+
+class _Announced(event.Listener):
+    """Logs, once, that the engine is being compiled: a silent minute looks like a fault."""
+
+    said = False
+
+    def on_start(self, event: event.Event) -> None:
+        if not self.said and event.data["dispatcher"].py_func.__module__.startswith(f"{__package__}."):
+            self.said = True
+            logging.getLogger(__name__).info("compiling the simulator, once for this version: about a minute")
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+event.register("numba:compile", _Announced())
 
 
 def compiled(function: Callable[..., Any] | None = None, *, borrows: bool = False, inside: bool = False) -> Any:

@@ -9,8 +9,11 @@ from pathlib import Path
 
 import pytest
 from commands import psafit
+from numba import njit
+from numba.core import event
 
 from psafit.errors import InputError
+from psafit.simulate import compiled
 from psafit.simulate.environment import check_numba
 
 REFUSED = {
@@ -79,3 +82,20 @@ def test_a_program_that_has_switched_compilation_off(monkeypatch: pytest.MonkeyP
 
 def test_help_needs_no_numba(tmp_path: Path) -> None:
     assert psafit("--help", cwd=tmp_path, NUMBA_DISABLE_JIT="1").returncode == 0
+
+
+def test_a_compilation_of_the_engine_is_announced_once(caplog: pytest.LogCaptureFixture) -> None:
+    def begun(function: object) -> event.Event:
+        return event.Event("numba:compile", event.EventStatus.START, {"dispatcher": njit(function)})
+
+    def foreign(x: float) -> float:
+        return x
+
+    listener = compiled._Announced()
+    with caplog.at_level("INFO", "psafit"):
+        listener.notify(begun(foreign))
+        assert not caplog.messages
+        foreign.__module__ = "psafit.simulate.stepper"
+        for _ in range(2):
+            listener.notify(begun(foreign))
+    assert caplog.messages == ["compiling the simulator, once for this version: about a minute"]
