@@ -76,7 +76,7 @@ def simulate(
     --readings they become an experiment that can be diagnosed: exact or, with --seed, with scatter (--set sigma_rel,
     sigma_abs, nu) and sessions' own values drawn as the model has them. A picture of a diagnosis that ties
     several sets shows up to four of them, unless --set or --terms asks for one. With the --run of a fit, and neither
-    of these, each reading has its 90 % predictive interval.
+    of these, each reading has its 90 % predictive interval, in the picture, too.
     """
     import numpy as np
 
@@ -132,7 +132,7 @@ def simulate(
     if plot is not None:
         from psafit.report.simulated import write_picture
 
-        write_picture(groups, curves, plot)
+        write_picture(groups, curves, plot, ends)
         if not quiet:
             click.echo(f"picture: {shown_path(plot)}")
     content = {"terms": [t.id for t in chosen], "parameters": theta, "engine": result.engine, **standing}

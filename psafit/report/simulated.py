@@ -18,7 +18,12 @@ from psafit.report.style import figure_style
 _COLORS: Final = ("vermillion", "blue", "green", "purple")
 
 
-def write_picture(groups: Sequence[Conditions], predicted: Mapping[str, Sequence[FloatArray]], path: Path) -> None:
+def write_picture(
+    groups: Sequence[Conditions],
+    predicted: Mapping[str, Sequence[FloatArray]],
+    path: Path,
+    ends: FloatArray | None = None,
+) -> None:
     """Draw each group's readings, simulated, and measured where it was: a panel for each observable.
 
     Parameters
@@ -29,16 +34,26 @@ def write_picture(groups: Sequence[Conditions], predicted: Mapping[str, Sequence
         `filled`; each reading in the unit of its observable.
     path : Path
         Its ending says what kind of picture: .png, .svg or .pdf.
+    ends : (2, n_points) array, optional
+        Of the 90 % intervals of readings, by the only model.
     """
     filled = [g.filled() for g in groups]
     parts, finer = ([part for g in whole for part in g.parts] for whole in (groups, filled))
     curves: list[list[figures.Curve]] = [[] for _ in parts]
+    bands = (
+        [()] * len(parts)
+        if ends is None
+        else [
+            (figures.Band(figures.READING_BAND, low, high),)
+            for low, high in zip(*(by_part(groups, end) for end in ends), strict=True)
+        ]
+    )
     for k, (name, (at_readings, between)) in enumerate(predicted.items()):
         color, dashed = _COLORS[k % len(_COLORS)], k % 2 == 1
-        values = zip(finer, by_part(groups, at_readings), by_part(filled, between), strict=True)
-        for drawn, (g, middle, line) in zip(curves, values, strict=True):
+        values = zip(finer, by_part(groups, at_readings), by_part(filled, between), bands, strict=True)
+        for drawn, (g, middle, line, band) in zip(curves, values, strict=True):
             smooth = None if g.along is None else (g.along, line)
-            drawn.append(figures.Curve(name, color, middle, dashed=dashed, line=smooth))
+            drawn.append(figures.Curve(name, color, middle, band, dashed, smooth))
     save(figures.groups_figure(parts, [figures.sweep_of(g) for g in parts], curves), path)
 
 

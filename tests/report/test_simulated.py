@@ -61,7 +61,7 @@ def test_a_picture_shows_the_tied_sets(  # type: ignore[no-untyped-def]
     found.mkdir()
     write_json(found / "diagnosis.json", tied, sealed=True)
     shown: list[dict[str, Any]] = []
-    monkeypatch.setattr(simulated, "write_picture", lambda groups, curves, path: shown.append(curves))
+    monkeypatch.setattr(simulated, "write_picture", lambda groups, curves, path, ends: shown.append(curves))
     words = ("--run", found, "--plot", tmp_path / "x.png", "--out", file)
     assert run(monkeypatch, "simulate", known_folder, *words) == 0
     assert list(shown[0]) == ["these alone", "gap"]  # one of three sets was not fitted, the baseline is not tied
@@ -75,3 +75,16 @@ def test_a_picture_shows_the_tied_sets(  # type: ignore[no-untyped-def]
     capsys.readouterr()
     assert run(monkeypatch, "simulate", known_folder, *words) == 2
     assert "diagnosis.json: holds no model; repeat the diagnosis" in capsys.readouterr().err
+
+
+def test_a_picture_shows_the_intervals_of_a_fit(known: Experiment, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    drawn: list[Figure] = []
+    monkeypatch.setattr(simulated, "save", lambda figure, path: drawn.append(figure))
+    middle = np.concatenate([g.reading for g in known.groups])
+    between = np.concatenate([g.filled().frequency_hz for g in known.groups])
+    models = {"simulated": (middle, between)}
+    simulated.write_picture(known.groups, models, tmp_path / "x.png", np.array([0.8 * middle, 1.3 * middle]))
+    simulated.write_picture(known.groups, models, tmp_path / "x.png")
+    bands = [[len(axes.collections) for axes in figure.axes] for figure in drawn]
+    assert bands == [[1] * len(known.groups), [0] * len(known.groups)]
+    assert [text.get_text() for text in drawn[0].legends[0].get_texts()][-1] == "90 % of readings"
