@@ -8,8 +8,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Column
+from rich.text import Text
 
 from psafit.forecast import Silent, Watcher
 from psafit.heartbeat import repeated
@@ -52,15 +62,31 @@ def _left(seconds: float | None, what: str = "in all") -> str:
     return "" if seconds is None or round(seconds) < 1 else f"about {duration(seconds)} left {what}"
 
 
+def _end(seconds: float | None) -> float | None:
+    """When what takes so many seconds from now will be done: they pass while nothing else is heard."""
+    return None if seconds is None else time.monotonic() + seconds
+
+
+def _until(end: float | None) -> str:
+    return _left(None if end is None else end - time.monotonic())
+
+
+class _Whole(ProgressColumn):
+    """What is left of the whole."""
+
+    def render(self, task: Task) -> Text:
+        return Text(_until(task.fields["end"]))
+
+
 class _Bars(Silent):
     def __init__(self, bars: Progress) -> None:
         self._bars = bars
         self._task: TaskID | None = None
-        self._whole = ""
+        self._end: float | None = None
 
     def stage(self, name: str) -> None:
         self.finish()
-        self._task = self._bars.add_task(TITLES[name], total=None, note="", whole=self._whole)
+        self._task = self._bars.add_task(TITLES[name], total=None, note="", end=self._end)
 
     def update(self, done: float, total: float | None, note: str = "") -> None:
         if self._task is not None:
@@ -68,15 +94,15 @@ class _Bars(Silent):
             self._bars.update(self._task, completed=done, note=counted(done, total, note))
 
     def whole(self, seconds: float | None) -> None:
-        self._whole = _left(seconds)
+        self._end = _end(seconds)
         if self._task is not None:
-            self._bars.update(self._task, whole=self._whole)
+            self._bars.update(self._task, end=self._end)
 
     def finish(self) -> None:
         if self._task is not None:
             task = self._bars.tasks[self._task]
             total = task.total or 1.0
-            self._bars.update(self._task, completed=total, total=total, whole="")
+            self._bars.update(self._task, completed=total, total=total, end=None)
 
 
 class _Lines(Silent):
@@ -87,10 +113,10 @@ class _Lines(Silent):
         self._stage = ""
         self._first: tuple[float, float] | None = None  # what was done when, where the count began
         self._latest: tuple[float, float | None, str, float] | None = None  # what was reported last, and when
-        self._whole: float | None = None
+        self._end: float | None = None
 
     def whole(self, seconds: float | None) -> None:
-        self._whole = seconds
+        self._end = _end(seconds)
 
     def stage(self, name: str) -> None:
         self._stage, self._first, self._latest = TITLES[name], None, None
@@ -106,11 +132,12 @@ class _Lines(Silent):
         """Print what was reported last; the stage again, where it has not reported yet; nothing before the first."""
         state, this = self._stage, None
         if self._latest and self._first:
-            done, total, note, now = self._latest
+            done, total, note, heard = self._latest
             state = counted(done, total, note)
             if total is not None and done > self._first[0]:
-                this = (now - self._first[1]) / (done - self._first[0]) * (total - done)
-        left = ", ".join(filter(None, (_left(this, "of this"), _left(self._whole))))
+                this = (heard - self._first[1]) / (done - self._first[0]) * (total - done)
+                this -= time.monotonic() - heard
+        left = ", ".join(filter(None, (_left(this, "of this"), _until(self._end))))
         if state:
             self._print("  " + "; ".join(filter(None, (state, left))))
 
@@ -130,7 +157,7 @@ def watcher(quiet: bool, every: float = 10.0) -> Iterator[Watcher]:
             BarColumn(bar_width=16),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
-            TextColumn("{task.fields[whole]}"),
+            _Whole(),
             TextColumn("{task.fields[note]}", style="dim"),
         )
         with Progress(*columns, console=Console(stderr=True)) as bars:
