@@ -130,12 +130,16 @@ class _Walk:
         ]
 
     def dips(self) -> list[FloatArray]:
-        """Points below what lies on either side of them, once more from each neighbour: refits may have ended early."""
+        """Points below what lies on either side of them, once more from each neighbour: refits may have ended early.
+
+        So may one that closes a side.
+        """
         found, starts = [log_posterior for _, log_posterior in self.points], []
-        for k in range(1, len(found) - 1):
-            if found[k] > min(max(found[:k]), max(found[k + 1 :])) - self.how.smooth:
+        for k in range(len(found)):
+            sides = [max(side) for side in (found[:k], found[k + 1 :]) if side]
+            if found[k] > min(sides, default=-math.inf) - self.how.smooth:
                 continue
-            for near in (k - 1, k + 1):
+            for near in range(max(k - 1, 0), min(k + 2, len(found))):
                 start = self.points[near][0].copy()
                 tried = (float(self.points[k][0][self.index]), float(start[self.index]), found[near])
                 if tried not in self.again and found[near] > found[k]:

@@ -83,11 +83,11 @@ def test_a_profile_does_not_lean_on_what_a_cause_cannot_be() -> None:
 
 
 def test_a_refit_that_ends_early_leaves_no_dip(finished: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One refit in five ends 10 nats too low: limits were those of the nearest such point."""
+    """One refit in five ends 10 nats too low: limits were those of the nearest, or of one that closed a side."""
     problem = finished.problem
     top = problem.to_sampling(np.array(list(finished.fit.minima[0].values.values())))
     (right,) = identify.profiles(problem, top, columns=[1])
-    rng = np.random.default_rng(2)
+    rng = np.random.default_rng()
 
     def early(*args: Any, **options: Any) -> Optima:
         end = maximise(*args, **options)
@@ -95,8 +95,10 @@ def test_a_refit_that_ends_early_leaves_no_dip(finished: Run, monkeypatch: pytes
         return replace(end, log_posterior=end.log_posterior - low)
 
     monkeypatch.setattr(identify, "maximise", early)
-    (found,) = identify.profiles(problem, top, columns=[1])
-    assert identify.limits(found) == pytest.approx(identify.limits(right), rel=0.1)
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        (found,) = identify.profiles(problem, top, columns=[1])
+        assert identify.limits(found) == pytest.approx(identify.limits(right), rel=0.1), seed
 
 
 def test_words_for_each_verdict() -> None:
