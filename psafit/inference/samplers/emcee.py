@@ -19,7 +19,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any, cast
@@ -59,8 +59,9 @@ class Settings(SamplerSettings):
     r_hat : float
         Largest rank-normalised split R-hat (ArviZ, every ensemble a chain) that counts as mixed.
     tuned : int
-        Steps after which the emulated posterior is made anew, of the walkers' own draws, too; and once before, after a
-        third of them. All these steps are burn-in.
+        Steps after which the emulated posterior is made anew, of the walkers' own draws, too. So it is after a third of
+        them, and whenever three times as many are done: walkers may reach late what importance draws did not show. All
+        steps until then are burn-in, and `tuned` of them at least.
     tuned_by : int
         Such draws, the last.
     strides, independent : float
@@ -84,12 +85,18 @@ class Settings(SamplerSettings):
 
     def tuned_at(self, steps: int) -> int:
         """Steps of those done by which the moves are tuned."""
-        return max((n for n in (self.tuned // 3, self.tuned) if n <= steps), default=0)
+        return self._tunings(steps)[0]
 
     def until(self, steps: int) -> int:
         """Steps at which the next chunk ends."""
-        ends = (self.tuned // 3, self.tuned, steps + self.chunk, self.max_steps)
-        return min(n for n in ends if n > steps)
+        return min(n for n in (self._tunings(steps)[1], steps + self.chunk, self.max_steps) if n > steps)
+
+    def _tunings(self, steps: int) -> tuple[int, int]:
+        """Steps after which moves were tuned last, if so many are done, and will be next; at 0 they never are."""
+        last, following = 0, max(self.tuned // 3, 1) if self.tuned else self.max_steps
+        while following <= steps:
+            last, following = following, 3 * following
+        return last, following
 
     @classmethod
     def of(cls, problem: Problem) -> Settings:
@@ -128,8 +135,18 @@ class PartMove(emcee.moves.DEMove):  # type: ignore[misc]
 
     No difference of two walkers leads along a bent and thin posterior from everywhere. One in a single coordinate, the
     scatter's or one that hardly acts there, may. How many coordinates is drawn for each walker, and then which (J. A.
-    Vrugt et al., Int. J. Nonlinear Sci. Numer. Simul. 10 (2009) 273).
+    Vrugt et al., Int. J. Nonlinear Sci. Numer. Simul. 10 (2009) 273). Where the posterior is narrower than elsewhere,
+    only a short step is accepted.
+
+    Parameters
+    ----------
+    shortest : float
+        Least length, as a part of what suits a normal density; its logarithm is drawn evenly up to one.
     """
+
+    def __init__(self, shortest: float = 0.03) -> None:
+        super().__init__()
+        self._shortest = shortest
 
     def get_proposal(
         self, s: FloatArray, c: Sequence[FloatArray], random: np.random.RandomState
@@ -138,8 +155,8 @@ class PartMove(emcee.moves.DEMove):  # type: ignore[misc]
         moved, factor = super().get_proposal(s, c, random)
         rank = random.uniform(size=s.shape).argsort(axis=1)
         n_moved = random.randint(1, s.shape[1] + 1, size=(len(s), 1))
-        # As long as is best for so many coordinates.
-        step = (moved - s) * np.sqrt(s.shape[1] / n_moved)
+        length = np.sqrt(s.shape[1] / n_moved) * self._shortest ** random.uniform(size=(len(s), 1))
+        step = (moved - s) * length
         return s + np.where(rank < n_moved, step, 0.0), factor
 
 
@@ -196,7 +213,7 @@ def autocorrelation_time(draws: FloatArray) -> FloatArray:
 def _state(chain: FloatArray, tuned: int) -> tuple[int, FloatArray]:
     """Burn-in (steps) and autocorrelation times after it; `chain` is (n_steps, n_walkers, n_dim)."""
     half = np.swapaxes(chain[len(chain) // 2 :], 0, 1)
-    burn = min(max(int(10 * autocorrelation_time(half).max()), tuned), len(chain) // 2)
+    burn = max(min(int(10 * autocorrelation_time(half).max()), len(chain) // 2), tuned)
     return burn, autocorrelation_time(np.swapaxes(chain[burn:], 0, 1))
 
 
@@ -284,8 +301,8 @@ class Emcee:
             return None
         every, history = found
         own = Settings(**cast(dict[str, Any], settings))
-        thinned = replace(own, tuned=own.tuned // every)
-        return _progress(chain_of(history, thinned), every * len(history.chain), own, every)
+        steps = every * len(history.chain)
+        return _progress(chain_of(history, own, own.tuned_at(steps - 1) // every), steps, own, every)
 
 
 SAMPLER = Emcee()
@@ -350,7 +367,7 @@ def run(
         while True:
             done = backends[0].iteration
             if done:
-                chain = chain_of(History.of(backends), settings)
+                chain = chain_of(History.of(backends), settings, settings.tuned_at(done - 1))
                 progress(_progress(chain, done, settings))
                 if chain.converged or done >= settings.max_steps or chain.highest_log_posterior > ceiling:
                     return chain
@@ -380,16 +397,16 @@ def by_ensemble(draws: FloatArray, ensembles: int) -> FloatArray:
     return np.swapaxes(draws.reshape(ensembles, -1, n_steps, n_dim), 1, 2).reshape(ensembles, -1, n_dim)
 
 
-def chain_of(history: History, settings: Settings) -> Chain:
-    """The draws after burn-in, and whether they suffice."""
-    burn, tau = _state(history.chain, settings.tuned)
+def chain_of(history: History, settings: Settings, tuned: int) -> Chain:
+    """The draws after burn-in, and whether they suffice; the moves were tuned by the first `tuned` steps."""
+    burn, tau = _state(history.chain, tuned)
     n, n_all = history.log_prob.shape
     kept = n - burn
     draws = np.swapaxes(history.chain[burn:], 0, 1).copy()
     top = np.unravel_index(np.argmax(history.log_prob), history.log_prob.shape)
     r_hat = store.r_hat(by_ensemble(draws, settings.ensembles))
     converged = bool(
-        burn >= settings.tuned
+        burn >= max(tuned, settings.tuned)
         and kept >= settings.autocorrelation_times * tau.max()
         and kept * n_all / tau.max() >= settings.effective_samples
         and r_hat.max() < settings.r_hat
