@@ -116,7 +116,7 @@ class _Spoken(logging.Handler):
     """Prints what is logged."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        click.echo(f"psafit: {record.getMessage()}", err=True)
+        click.echo(escaped(f"psafit: {record.getMessage()}"), err=True)
 
 
 def _heard(_context: click.Context, _option: click.Parameter, quiet: bool) -> bool:

@@ -19,13 +19,13 @@ from psafit.diagnose.calibration import calibrate as calibrated
 from psafit.diagnose.confusable import confusable
 from psafit.diagnose.draft import drafted
 from psafit.diagnose.explanations import Explanations
-from psafit.diagnose.folder import claim, held_in, identity_of
+from psafit.diagnose.folder import claim, held_in, identity_of, set_aside
 from psafit.diagnose.gain import Choice
 from psafit.diagnose.influence import influence
 from psafit.diagnose.judging import Judgement, judge
 from psafit.diagnose.looks import looks
 from psafit.diagnose.next_experiment import NextExperiment, Purpose
-from psafit.diagnose.record import PAGE, PREDICTIONS, RESULT, Confusion, Diagnosis
+from psafit.diagnose.record import PREDICTIONS, RESULT, Confusion, Diagnosis
 from psafit.diagnose.record.misfit import MisfitResult
 from psafit.diagnose.record.models import Apart, CauseResult, ExtensionRun
 from psafit.diagnose.rehearsal import rehearse, repeat
@@ -229,7 +229,7 @@ class Work:
             misfit, laws = self._tested(judgement)
         draws = model_set.draws(adopted.ids, self.seed).resampled(self.settings.draws)
         if not self.drawing:
-            self._forget()
+            set_aside(self.folder)
         numerics = refine(adopted.problem, adopted.modes[:1], experiment.fingerprint)
         write_predictions(self.folder / PREDICTIONS, predictive(adopted.problem, draws, self.seed))
         with self._stage("next experiment"):
@@ -296,11 +296,6 @@ class Work:
         result = replace(result, sentences=sentences(result, experiment.beliefs))
         write_json(self.folder / RESULT, result, sealed=True)
         return result
-
-    def _forget(self) -> None:
-        """Remove record and page: the tables that follow belong to another answer, which has no record yet."""
-        for name in (RESULT, PAGE):
-            (self.folder / name).unlink(missing_ok=True)
 
     def _tested(self, judgement: Judgement) -> tuple[MisfitResult, list[Broken]]:
         """What the tests say of the baseline and the best model, and the laws that reported models break."""

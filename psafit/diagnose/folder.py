@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
+import shutil
 from pathlib import Path
 from typing import Any
 
-from psafit.diagnose.record import MARKER, PAGE, PREDICTIONS, RESULT, Diagnosis
+from psafit.diagnose.record import MARKER, PAGE, PREDICTIONS, PREVIOUS, RESULT, Diagnosis
 from psafit.diagnose.significance import NULL_LEADS
 from psafit.errors import InputError
 from psafit.experiment import Experiment
@@ -31,16 +33,7 @@ def identity_of(everything: Problem, asked: list[Any]) -> str:
 def claim(folder: Path, experiment: Experiment) -> None:
     """Make a folder ours, or see that it is: nobody's files are replaced, nor the diagnosis of another rig."""
     marker, another = folder / MARKER, "choose another --out, or move it elsewhere"
-    held = None
-    if (folder / RESULT).is_file():
-        try:
-            held = read_content(folder / RESULT)
-        except Refused:
-            raise
-        except InputError:  # nobody can use it
-            pass
-    record = held if isinstance(held, dict) else {}
-    fitted = (folder / "fit.json").exists()
+    record, fitted = _record(folder), (folder / "fit.json").exists()
     if not (fitted and _is_fit_of(experiment, folder)):
         if fitted and marker.is_file():
             raise InputError("holds a fit of other readings or priors", another, file=folder)
@@ -65,6 +58,34 @@ def _is_fit_of(experiment: Experiment, folder: Path) -> bool:
     except InputError:
         return False
     return all(getattr(fitted, name) == getattr(experiment, name) for name in ("fingerprint", "title", "beliefs"))
+
+
+def set_aside(folder: Path) -> None:
+    """Move an answer into `previous/`, in the place of an older one: the tables that follow belong to another."""
+    record = _record(folder)
+    if record:
+        place = folder / PREVIOUS
+        shutil.rmtree(place, ignore_errors=True)
+        shutil.copytree(folder / "experiment", place / "experiment")
+        for name in (RESULT, PAGE, *record.get("files", {})):
+            if (folder / name).exists():
+                (folder / name).rename(place / name)
+        logging.getLogger(__name__).info("the answer that was here before is kept in %s", place)
+    for name in (RESULT, PAGE):
+        (folder / name).unlink(missing_ok=True)
+
+
+def _record(folder: Path) -> dict[str, Any]:
+    """What a folder holds of an answer, of any version; nothing where nobody can use it."""
+    if not (folder / RESULT).is_file():
+        return {}
+    try:
+        held = read_content(folder / RESULT)
+    except Refused:
+        raise
+    except InputError:
+        return {}
+    return held if isinstance(held, dict) else {}
 
 
 def held_in(folder: Path, identity: str) -> Diagnosis | None:

@@ -16,7 +16,7 @@ from psafit.diagnose import diagnose, diagnosis
 from psafit.diagnose.answer import sentences
 from psafit.diagnose.folder import claim
 from psafit.diagnose.next_experiment import NextExperiment
-from psafit.diagnose.record import Confusion
+from psafit.diagnose.record import Confusion, Diagnosis
 from psafit.diagnose.settings import Settings as Effort
 from psafit.diagnose.significance import lead
 from psafit.errors import InputError
@@ -29,6 +29,7 @@ from psafit.inference.samplers.emcee import Settings
 from psafit.model_search import search_models
 from psafit.parameters import Belief, Normal
 from psafit.physics import TERMS
+from psafit.records import read_json
 
 LITTLE = replace(Effort.usual(quick=True), search=CHEAP)
 
@@ -187,6 +188,8 @@ def test_only_the_causes_asked_for_are_looked_at(tmp_path):
     assert not sentences(whole)[0].startswith("Only ") and "looked at" not in whole.headline
     again = diagnose(data, ["a"], tmp_path, **asked)
     assert again == found  # read back
+    diagnose(data, ["a"], tmp_path, seed=2, **asked)
+    assert read_json(tmp_path / "previous" / "diagnosis.json", Diagnosis, sealed=True) == found
 
 
 @pytest.mark.slow

@@ -21,6 +21,8 @@ from psafit.records import ABSENT, Brief, Broken, Numerics
 from psafit.text import set_name
 
 RESULT, PAGE, PREDICTIONS = "diagnosis.json", "diagnosis.html", "predictions-diagnosis.csv"
+PREVIOUS = "previous"
+"""The folder within that of a diagnosis that keeps the answer before, to another question about the same readings."""
 
 
 # Names of causes in a headline.

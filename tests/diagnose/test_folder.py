@@ -1,0 +1,32 @@
+"""The folder of a diagnosis: what becomes of an answer when another question is asked there."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import pytest
+
+from psafit.diagnose.folder import set_aside
+
+
+def test_an_answer_gives_way_to_another_and_is_kept(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """With its page and its own tables; those of a fit in the same folder stay where they are."""
+    own = {"diagnosis.json": '{"files": {"predictions-diagnosis.csv": "..."}}', "predictions-diagnosis.csv": "1"}
+    for name, text in {**own, "diagnosis.html": "page", "predictions-launch_speed.csv": "of a fit"}.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "experiment").mkdir()
+    with caplog.at_level(logging.INFO):
+        set_aside(tmp_path)
+    kept = tmp_path / "previous"
+    assert {p.name for p in kept.iterdir()} == {*own, "diagnosis.html", "experiment"}
+    assert {p.name for p in tmp_path.iterdir()} == {"previous", "experiment", "predictions-launch_speed.csv"}
+    assert caplog.messages == [f"the answer that was here before is kept in {kept}"]
+    # What was interrupted before it had an answer of its own leaves the kept one alone.
+    (tmp_path / "diagnosis.html").write_text("of nothing")
+    set_aside(tmp_path)
+    assert not (tmp_path / "diagnosis.html").exists() and (kept / "diagnosis.html").read_text() == "page"
+    for name, text in own.items():
+        (tmp_path / name).write_text(text.replace("1", "2"))
+    set_aside(tmp_path)
+    assert (kept / "predictions-diagnosis.csv").read_text() == "2" and not (kept / "diagnosis.html").exists()
