@@ -47,15 +47,15 @@ class DraftSettings:
     ----------
     places : int
         Of the middle, evenly over the logarithm of what was measured.
-    widths : tuple of float
-        In the logarithm: from a tenth of an octave's factor to a decade.
+    widths : int
+        Evenly over their logarithm: from the usual step between conditions to half of what was measured.
     share : float
         Of the discrepancy's squares at all readings that a draft must take up: half, so that it describes more than it
         leaves.
     """
 
     places: int = 50
-    widths: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8, 1.6)
+    widths: int = 12
     share: float = 0.5
 
 
@@ -92,16 +92,17 @@ def draft(candidate: Candidate, left: Discrepancy, folder: Path, settings: Draft
     axes: dict[Axis, FloatArray] = {
         "frequency": design.frequency, "amplitude": design.amplitude, "range": candidate.predicted,
     }  # fmt: skip
-    best: tuple[Draft, FloatArray] | None = None
+    best: tuple[Draft, FloatArray, tuple[float, float]] | None = None
     for k, (axis, values) in itertools.product(np.unique(design.measured), axes.items()):
         rows = (design.measured == k) & np.isfinite(left.sd) & (values > 0)
         if not OBSERVABLES[k].traced and rows.sum() > 3 and np.ptp(x := np.log(values[rows])) > 0:
-            found = _described(OBSERVABLES[k], axis, x, left.mean[rows], whole, settings)
-            best = (found, x) if best is None or found.share > best[0].share else best
+            widths = _widths(x, design.group[rows])
+            found = _described(OBSERVABLES[k], axis, x, left.mean[rows], widths, whole, settings)
+            best = (found, x, widths) if best is None or found.share > best[0].share else best
     if best is None or best[0].share < settings.share:
         return None
-    chosen, spread = best
-    text = _text(chosen, float(spread.min()), float(spread.max())).encode()
+    chosen, x, widths = best
+    text = _text(chosen, x, widths).encode()
     path = next(p for p in _names(folder) if not p.exists() or p.read_bytes() == text)
     write_atomically(path, text)
     return replace(chosen, file=path.name)
@@ -122,19 +123,35 @@ def _squares(left: Discrepancy, measured: NDArray[np.signedinteger]) -> float:
     return float(sum(np.sum((y - y.mean()) ** 2) for y in each))
 
 
+def _widths(x: FloatArray, group: NDArray[np.signedinteger]) -> tuple[float, float]:
+    """The narrowest and the widest departure that readings at the logarithms `x` can show."""
+    apart = [np.diff(np.unique(x[group == g])) for g in np.unique(group)]
+    narrow = min((float(np.median(steps)) for steps in apart if steps.size), default=float(np.ptp(x)))
+    return narrow, max(0.5 * float(np.ptp(x)), math.log(2.0), 2.0 * narrow)
+
+
 def _described(
-    observable: Observable, axis: Axis, x: FloatArray, y: FloatArray, whole: float, settings: DraftSettings
+    observable: Observable,
+    axis: Axis,
+    x: FloatArray,
+    y: FloatArray,
+    ends: tuple[float, float],
+    whole: float,
+    settings: DraftSettings,
 ) -> Draft:
     """The factor on one axis that takes up most of a discrepancy, apart from one common to all; `x` is a logarithm.
+
+    Its width lies between the `ends`.
 
     How large it is: by what readings differ that it changes most and least. Between readings it may be anything. Its
     share is of the `whole` squares.
     """
     y = y - y.mean()
     read = recorded_name(observable)
-    best = Draft(FILE, axis, math.exp(float(x[0])), 1.0, settings.widths[0], 0.0, observable=read)
+    widths = np.geomspace(*ends, settings.widths).tolist()
+    best = Draft(FILE, axis, math.exp(float(x[0])), 1.0, widths[0], 0.0, observable=read)
     for place in np.linspace(x.min(), x.max(), settings.places):
-        for width in settings.widths:
+        for width in widths:
             bump = np.exp(-0.5 * ((x - place) / width) ** 2)
             own = bump - bump.mean()
             size = float(own @ own)
@@ -148,16 +165,19 @@ def _described(
     return best
 
 
-def _text(found: Draft, low: float, high: float) -> str:
-    """The file's text; its symptom is worked out as `psafit check-cause` does."""
+def _text(found: Draft, x: FloatArray, widths: tuple[float, float]) -> str:
+    """The file's text for what was read at the logarithms `x`; its symptom is worked out as `check-cause` does."""
     o = named(found.observable)
     unit, scale = {"frequency": ("Hz", 1.0), "amplitude": ("V", 1.0), "range": (_SI[o.unit], 1.0 / o.scale)}[found.axis]
-    middle, half = math.exp(0.5 * (low + high)) * scale, max(0.5 * (high - low), math.log(2.0))
+    narrow, half = widths
+    middle = math.exp(0.5 * (float(x.min()) + float(x.max()))) * scale
     place, reach = f"{float(f'{found.place * scale:.3g}'):g} {unit}", f"{math.exp(found.width):.3g}"
     text = _filled(
         TEMPLATE.read_text("utf-8"), axis=o.title if found.axis == "range" else found.axis, kind=found.axis, unit=unit,
         observable=o.name, title=o.title, titles=o.titles, middle=f"{middle:.3g}", factor=f"{math.exp(half):.3g}",
         least=f"{middle * math.exp(-2 * half):.3g}", most=f"{middle * math.exp(2 * half):.3g}",
+        narrow=f"{0.25 * narrow:.3g}", wide=f"{4.0 * half:.3g}", width=f"{math.sqrt(narrow * half):.3g}",
+        spread=f"{max(math.sqrt(half / narrow), 2.0):.3g}",
         found=f"a factor of {found.factor:.3g} at {place}, within a factor of {reach} to either side",
     )  # fmt: skip
     with scratch() as folder:

@@ -184,5 +184,5 @@ def test_a_factor_is_never_larger_than_what_readings_differ_by(sound, tmp_path) 
         mean=np.where(frequency == frequency[ends & (frequency < high / 2)].max(), np.log(1.3), 0.0),
         sd=np.where(ends, 0.05, np.inf),
     )
-    found = draft(sound, left, tmp_path, DraftSettings(widths=(0.1,), share=0.1))
+    found = draft(sound, left, tmp_path, DraftSettings(widths=1, share=0.1))
     assert found is not None and found.axis == "frequency" and found.factor == pytest.approx(1.3, rel=0.1)
