@@ -339,11 +339,11 @@ def _models_of(place: Path, run: Run | Diagnosis, most: int = 4) -> tuple[list[_
     return models, read_experiment(place / "experiment").groups if latent else ()
 
 
-def _apart(sets: Sequence[Sequence[Term]]) -> list[str]:
-    """What distinguishes sets of causes, in words."""
-    shared = set(sets[0]).intersection(*sets[1:])
-    plain = "these alone" if shared else "the baseline"
-    return [set_name((t.id for t in terms if t not in shared), plain) for terms in sets]
+def _apart(sets: Sequence[Sequence[Term]], most: int = 2) -> list[str]:
+    """Names of sets of causes that say what distinguishes them; what all share is counted if it is more than `most`."""
+    shared = [t for t in sets[0] if all(t in terms for terms in sets)]
+    counted = [f"the {len(shared)} shared causes"] if len(shared) > most else [t.id for t in shared]
+    return [set_name((*counted, *(t.id for t in terms if t not in shared)), "the baseline") for terms in sets]
 
 
 def of_sessions(

@@ -119,6 +119,10 @@ class Calibrated(Statement):
             " ({}) and reported in {}.",
             c.exact.of, "" if c.exact.of == 1 else "s", drawn, c.exact.n, ends, c.reported.n,
         )  # fmt: skip
+        if not self.explains:
+            text = words.put(
+                "{} That is how well these conditions distinguish causes, not how often none is right.", text
+            )
         if c.printed is not None:
             how = "{} What was named had a probability of {} on average, and was right in {} of {}."
             text = words.put(how, text, words.per_cent(c.printed), c.right.n, c.right.of)

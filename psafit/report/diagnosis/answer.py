@@ -16,6 +16,7 @@ from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.parameters import Belief
+from psafit.records import Objection
 from psafit.report.catalogue import TITLES, model, symbol
 from psafit.report.diagnosis import words
 from psafit.report.diagnosis.shown import Shown
@@ -35,6 +36,13 @@ from psafit.report.wording import (
 from psafit.text import count
 
 _KINDS: Final = {"adequate": "good", "explained": "good", "ambiguous": "warn", "unexplained": "bad"}
+# Behind a p value that is not of all tests: what speaks against the model.
+_AGAINST: Final[dict[Objection, str]] = {
+    "": "",
+    "tests": "",
+    "together": ", where those of several groups stand out together",
+    "tails": ", without heavier tails than usual",
+}
 _QUESTIONS: Final[dict[Topic, str]] = {
     "scope": "",
     "adequate": "Is the baseline adequate?",
@@ -142,16 +150,13 @@ def kind(result: Diagnosis) -> str:
 
 def tiles(result: Diagnosis, shown: Sequence[Shown]) -> list[dict[str, str]]:
     """The key numbers: p values, and how far the models are off."""
+    extension = "best causes, not adopted," if result.verdict == "adequate" else "extension"
+    tested = (("baseline", result.misfit.baseline), (extension, result.misfit.extended))
     found = [
-        {
-            "value": p_value(result.misfit.p_value, result.misfit.baseline.floor),
-            "label": "p value: baseline against the readings",
-        }
+        {"value": p_value(t.least, t.floor), "label": f"p value: {what} against the readings{_AGAINST[t.objection]}"}
+        for what, t in tested
+        if t
     ]
-    if result.misfit.extended:
-        what = "best causes, not adopted," if result.verdict == "adequate" else "extension"
-        label = f"p value: {what} against the readings"
-        found.append({"value": p_value(result.misfit.extended.p_value, result.misfit.extended.floor), "label": label})
     for k, curve in enumerate(shown[0].curves):
         errors = [g.errors[k] for g in shown]
         label = f"typical factor between {curve.name} and reading, fitted to all groups"

@@ -27,8 +27,8 @@ from psafit.text import fixed, significant
 _OBJECTS: Final[dict[Objection, str]] = {
     "": "",
     "tests": "",
-    "together": "But readings of several groups stand out together, so that it is not sound",
-    "tails": "But only because heavy tails take up what stands out, so that it is not sound",
+    "together": "But readings of several groups stand out together, so the model is not sound",
+    "tails": "But they do so only because heavy tails take up what stands out, so the model is not sound",
 }
 
 _LOOKS_AT: Final = {
@@ -58,6 +58,7 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
         "wrong": tests.p_value < ALPHA,
         "sound": not tests.objection,
         "objection": _OBJECTS[tests.objection],
+        "least": words.p_text(tests.least, tests.floor),
         "character": described(tests.character, tests.statistics),
         "n_simulated": tests.n_simulated,
         "refit": "refitted with the model itself" if tests.refit == "exact" else "refitted with its expansion",
