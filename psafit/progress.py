@@ -78,6 +78,13 @@ class _Whole(ProgressColumn):
         return Text(_until(task.fields["end"]))
 
 
+class _Note(ProgressColumn):
+    """What is counted, in a line: the column that gives way where there is little room."""
+
+    def render(self, task: Task) -> Text:
+        return Text(task.fields["note"], style="dim", no_wrap=True, overflow="ellipsis")
+
+
 class _Bars(Silent):
     def __init__(self, bars: Progress) -> None:
         self._bars = bars
@@ -151,16 +158,17 @@ def watcher(quiet: bool, every: float = 10.0) -> Iterator[Watcher]:
     if quiet or sys.stderr is None:  # nobody's, where it was closed
         yield Silent()
     elif sys.stderr.isatty():
+        console = Console(stderr=True)
         columns = (
-            # Where there is little room, the note loses its end and not the name of the stage.
-            TextColumn("{task.description}", table_column=Column(no_wrap=True, min_width=28)),
-            BarColumn(bar_width=16),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            _Whole(),
-            TextColumn("{task.fields[note]}", style="dim"),
+            # The times stand in full on a terminal of 80 columns.
+            TextColumn("{task.description}", table_column=Column(no_wrap=True, max_width=max(console.width - 57, 12))),
+            BarColumn(bar_width=8, table_column=Column(no_wrap=True)),
+            TimeElapsedColumn(table_column=Column(no_wrap=True)),
+            TimeRemainingColumn(table_column=Column(no_wrap=True)),
+            _Whole(table_column=Column(no_wrap=True)),
+            _Note(table_column=Column()),
         )
-        with Progress(*columns, console=Console(stderr=True)) as bars:
+        with Progress(*columns, console=console) as bars:
             show = _Bars(bars)
             yield show
             show.finish()

@@ -135,6 +135,8 @@ def simulate(
         write_picture(groups, curves, plot, ends)
         if not quiet:
             click.echo(f"picture: {shown_path(plot)}")
+            if usual := {name: value for name, value in theta.items() if name not in given}:
+                click.echo(f"by the medians of their priors: {_values(usual)}", err=True)
     content = {"terms": [t.id for t in chosen], "parameters": theta, "engine": result.engine, **standing}
     write_result(json_file, content | _predictions(groups, predicted, ends))
     return DONE
