@@ -16,14 +16,14 @@ from typing import Protocol
 from psafit.errors import InputError
 from psafit.records import read_json, write_json
 
-FIT = {"search": 1.0, "sample": 16.0, "profile": 3.5}
-PAGE = {"validate": 0.4, "report": 5.0}
+FIT = {"search": 1.0, "sample": 8.0, "profile": 0.5}
+PAGE = {"validate": 0.9, "report": 2.0}
 """Shares of a fit's stages, in units of its search, and of what the command does after it.
 
-Geometric means of three fits, side by side with other work on two cores, in seconds (search, sample, profile,
-validate): the study's group 1 (4.6, 46, 74, 1), three groups of a made-up rig (5.5, 121, 20, 6), one group of it with
-`flight_friction` (12, 228, 9, 4). They differ by factors of two for the sampler and of twenty for the profiles, so that
-a fit's own counts take their place as soon as there are any. The page took some seconds a group.
+Geometric means of three fits, next to other work on two cores, in seconds (search, sample, profile, validate, report):
+the study's group 1 (3.4, 33, 2.4, 6, 10), its groups 2, 3 and 5 (5.3, 49, 2.3, 4, 19), group 1 with `flight_friction`
+(21, 142, 9, 9, 19). A sampler that mixes slowly takes twenty times its share, so that a fit's own counts take their
+place as soon as there are any.
 """
 DIAGNOSIS = {
     "search": 1.0,

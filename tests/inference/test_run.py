@@ -395,7 +395,8 @@ def test_run_carries_its_causes(tmp_path: Path) -> None:
     reported = audit(run)
     assert reported.converged and reported.engine == "closed form" and (tmp_path / "run" / "numerics.json").exists()
     worst = [r.worst for r in reported.refinement]
-    assert worst == sorted(worst, reverse=True) and worst[-1] < 1e-3 * worst[0]
+    seen = [w for w in worst if w > 1e-8]  # below, rounding decides
+    assert seen == sorted(seen, reverse=True) and len(seen) >= 2 and worst[-1] < 1e-3 * worst[0]
     with pytest.raises(InputError, match="another run"):
         fit(experiment, [1], tmp_path / "run", n_starts=4, settings=quick)
 
