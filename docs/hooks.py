@@ -81,7 +81,8 @@ class Docstrings(griffe.Extension):
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
         own = {p.name: p for p in obj.parameters} if isinstance(obj, griffe.Class | griffe.Function) else {}
         for parameter in own.values():
-            parameter.default = parameter.default and _MADE.sub(r"\1", str(parameter.default))
+            if made := _MADE.match(str(parameter.default)):
+                parameter.default = made[1]
         for section in obj.docstring.parsed if obj.docstring else ():
             if section.kind.value not in ("parameters", "returns"):
                 continue

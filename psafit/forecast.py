@@ -17,7 +17,7 @@ from psafit.errors import InputError
 from psafit.records import read_json, write_json
 
 FIT = {"search": 1.0, "sample": 8.0, "profile": 0.5}
-PAGE = {"validate": 0.9, "report": 2.0}
+PAGE = {"validate": 0.8, "report": 2.0}
 """Shares of a fit's stages, in units of its search, and of what the command does after it.
 
 Geometric means of three fits, next to other work on two cores, in seconds (search, sample, profile, validate, report):

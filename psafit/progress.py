@@ -166,7 +166,7 @@ def watcher(quiet: bool, every: float = 10.0) -> Iterator[Watcher]:
             TimeElapsedColumn(table_column=Column(no_wrap=True)),
             TimeRemainingColumn(table_column=Column(no_wrap=True)),
             _Whole(table_column=Column(no_wrap=True)),
-            _Note(table_column=Column()),
+            _Note(),
         )
         with Progress(*columns, console=console) as bars:
             show = _Bars(bars)

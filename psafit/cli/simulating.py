@@ -134,9 +134,7 @@ def simulate(
 
         write_picture(groups, curves, plot, ends)
         if not quiet:
-            click.echo(f"picture: {shown_path(plot)}")
-            if usual := {name: value for name, value in theta.items() if name not in given}:
-                click.echo(f"by the medians of their priors: {_values(usual)}", err=True)
+            _say_of_picture(plot, {name: value for name, value in theta.items() if name not in given})
     content = {"terms": [t.id for t in chosen], "parameters": theta, "engine": result.engine, **standing}
     write_result(json_file, content | _predictions(groups, predicted, ends))
     return DONE
@@ -151,6 +149,13 @@ def _say_of_conditions(chosen: Sequence[Term], groups: Sequence[Conditions], qui
     say_idle(idle(chosen, groups), err=True)
     for line in _taken_for_ranges(groups):
         click.echo(line, err=True)
+
+
+def _say_of_picture(plot: Path, usual: dict[str, float]) -> None:
+    """Say where a picture is, and which parameters nobody gave."""
+    click.echo(f"picture: {shown_path(plot)}")
+    if usual:
+        click.echo(f"by the medians of their priors: {_values(usual)}", err=True)
 
 
 def _opened(run: Path) -> Run | Diagnosis:

@@ -219,7 +219,6 @@ class Work:
     def all(self, quick: bool, repeats: int, nautilus: bool, identity: str, drawn: int = 0) -> Diagnosis:
         """Every stage in turn, and the record."""
         experiment = self.experiment
-        write_experiment(experiment, self.folder / "experiment")  # for whoever draws the page again
         with self._stage("causes"):
             model_set = self.search(experiment.ids)
         best_model = model_set.best_model
@@ -230,6 +229,7 @@ class Work:
         draws = model_set.draws(adopted.ids, self.seed).resampled(self.settings.draws)
         if not self.drawing:
             set_aside(self.folder)
+        write_experiment(experiment, self.folder / "experiment")  # for whoever draws the page again
         numerics = refine(adopted.problem, adopted.modes[:1], experiment.fingerprint)
         write_predictions(self.folder / PREDICTIONS, predictive(adopted.problem, draws, self.seed))
         with self._stage("next experiment"):

@@ -124,10 +124,18 @@ def _squares(left: Discrepancy, measured: NDArray[np.signedinteger]) -> float:
 
 
 def _widths(x: FloatArray, group: NDArray[np.signedinteger]) -> tuple[float, float]:
-    """The narrowest and the widest departure that readings at the logarithms `x` can show."""
-    apart = [np.diff(np.unique(x[group == g])) for g in np.unique(group)]
-    narrow = min((float(np.median(steps)) for steps in apart if steps.size), default=float(np.ptp(x)))
-    return narrow, max(0.5 * float(np.ptp(x)), math.log(2.0), 2.0 * narrow)
+    """The narrowest and the widest departure that readings at the logarithms `x` can show.
+
+    The first is the mean step along the sweeps that go along the axis, or, where none does, between all places.
+    """
+    sweeps = [np.unique(x[group == g]) for g in np.unique(group)]
+    along = [at for at in sweeps if at.size > 1] or [np.unique(x)]
+    narrow = sum(map(float, map(np.ptp, along))) / sum(at.size - 1 for at in along)
+    return narrow, max(_half(x), 2.0 * narrow)
+
+
+def _half(x: FloatArray) -> float:
+    return max(0.5 * float(np.ptp(x)), math.log(2.0))
 
 
 def _described(
@@ -169,15 +177,15 @@ def _text(found: Draft, x: FloatArray, widths: tuple[float, float]) -> str:
     """The file's text for what was read at the logarithms `x`; its symptom is worked out as `check-cause` does."""
     o = named(found.observable)
     unit, scale = {"frequency": ("Hz", 1.0), "amplitude": ("V", 1.0), "range": (_SI[o.unit], 1.0 / o.scale)}[found.axis]
-    narrow, half = widths
+    half, (narrow, widest) = _half(x), widths
     middle = math.exp(0.5 * (float(x.min()) + float(x.max()))) * scale
     place, reach = f"{float(f'{found.place * scale:.3g}'):g} {unit}", f"{math.exp(found.width):.3g}"
     text = _filled(
         TEMPLATE.read_text("utf-8"), axis=o.title if found.axis == "range" else found.axis, kind=found.axis, unit=unit,
         observable=o.name, title=o.title, titles=o.titles, middle=f"{middle:.3g}", factor=f"{math.exp(half):.3g}",
         least=f"{middle * math.exp(-2 * half):.3g}", most=f"{middle * math.exp(2 * half):.3g}",
-        narrow=f"{0.25 * narrow:.3g}", wide=f"{4.0 * half:.3g}", width=f"{math.sqrt(narrow * half):.3g}",
-        spread=f"{max(math.sqrt(half / narrow), 2.0):.3g}",
+        narrow=f"{0.25 * narrow:.3g}", wide=f"{4.0 * widest:.3g}", width=f"{math.sqrt(narrow * widest):.3g}",
+        spread=f"{max(math.sqrt(widest / narrow), 2.0):.3g}",
         found=f"a factor of {found.factor:.3g} at {place}, within a factor of {reach} to either side",
     )  # fmt: skip
     with scratch() as folder:

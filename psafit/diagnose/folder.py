@@ -46,6 +46,8 @@ def claim(folder: Path, experiment: Experiment) -> None:
     for name in (RESULT, PAGE, PREDICTIONS):
         if (folder / name).is_dir():
             raise InputError("is a folder, where a file of the diagnosis goes", another, file=folder / name)
+    if (kept_before := folder / PREVIOUS).exists() and not (kept_before / RESULT).is_file():
+        raise InputError("is none that a diagnosis made, where it keeps the answer before", another, file=kept_before)
     write_atomically(marker, mine.encode())
 
 
@@ -61,17 +63,27 @@ def _is_fit_of(experiment: Experiment, folder: Path) -> bool:
 
 
 def set_aside(folder: Path) -> None:
-    """Move an answer into `previous/`, in the place of an older one: the tables that follow belong to another."""
+    """Move an answer into `previous/`, in the place of an older one: the tables that follow belong to another.
+
+    It is copied before anything is removed, so that what was interrupted is repeated.
+    """
     record = _record(folder)
+    names = [RESULT, PAGE, *(name for name in map(str, record.get("files") or ()) if Path(name).name == name)]
     if record:
-        place = folder / PREVIOUS
-        shutil.rmtree(place, ignore_errors=True)
-        shutil.copytree(folder / "experiment", place / "experiment")
-        for name in (RESULT, PAGE, *record.get("files", {})):
-            if (folder / name).exists():
-                (folder / name).rename(place / name)
+        place, copy = folder / PREVIOUS, folder / f".{PREVIOUS}.tmp"
+        if copy.exists():
+            shutil.rmtree(copy)
+        copy.mkdir()
+        for file in (folder / name for name in names):
+            if file.is_file():
+                shutil.copy2(file, copy)
+        if (folder / "experiment").is_dir():
+            shutil.copytree(folder / "experiment", copy / "experiment")
+        if place.exists():
+            shutil.rmtree(place)
+        copy.rename(place)
         logging.getLogger(__name__).info("the answer that was here before is kept in %s", place)
-    for name in (RESULT, PAGE):
+    for name in names:
         (folder / name).unlink(missing_ok=True)
 
 

@@ -132,7 +132,7 @@ class _Walk:
     def dips(self) -> list[FloatArray]:
         """Points below what lies on either side of them, once more from each neighbour: refits may have ended early.
 
-        So may one that closes a side.
+        So may the last on a side, which would close it.
         """
         found, starts = [log_posterior for _, log_posterior in self.points], []
         for k in range(len(found)):

@@ -36,12 +36,12 @@ class _Announced(event.Listener):
 
     said = False
 
-    def on_start(self, event: event.Event) -> None:
-        if not self.said and event.data["dispatcher"].py_func.__module__.startswith(f"{__package__}."):
+    def on_start(self, begun: event.Event) -> None:
+        if not self.said and str(begun.data["dispatcher"].py_func.__module__).startswith(f"{__package__}."):
             self.said = True
-            logging.getLogger(__name__).info("compiling the simulator, once for this version: about a minute")
+            logging.getLogger(__name__).info("compiling the simulator: up to a minute")
 
-    def on_end(self, event: event.Event) -> None:
+    def on_end(self, ended: event.Event) -> None:
         pass
 
 

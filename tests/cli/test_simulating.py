@@ -133,7 +133,9 @@ def test_a_plan_needs_no_readings(known_folder: Path, tmp_path: Path, monkeypatc
     reported = {}
     for place in (known_folder, folder):
         out, picture = tmp_path / "simulated.csv", tmp_path / "picture.svg"
+        capsys.readouterr()
         assert run(monkeypatch, "simulate", place, "--out", out, "--plot", picture) == 0
+        assert "by the medians of their priors: k_c = " in capsys.readouterr().err
         reported[place] = pandas.read_csv(out)
     with_readings, without = reported.values()
     assert with_readings["predicted_um"].equals(without["predicted_um"])

@@ -14,7 +14,7 @@ from psafit.diagnose import diagnose
 from psafit.diagnose.answer import answer
 from psafit.diagnose.answer.worth import Drafted
 from psafit.diagnose.discrepancy import Discrepancy, discrepancy
-from psafit.diagnose.draft import FILE, DraftSettings, draft, drafted
+from psafit.diagnose.draft import FILE, DraftSettings, _widths, draft, drafted
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.words import PLAIN
 from psafit.inference.candidate import Candidate, fit
@@ -186,3 +186,25 @@ def test_a_factor_is_never_larger_than_what_readings_differ_by(sound, tmp_path) 
     )
     found = draft(sound, left, tmp_path, DraftSettings(widths=1, share=0.1))
     assert found is not None and found.axis == "frequency" and found.factor == pytest.approx(1.3, rel=0.1)
+
+
+def test_a_draft_is_as_narrow_as_the_steps_between_conditions(sound, tmp_path) -> None:
+    """A resonance that a few readings of each sweep show lies well within the bounds of its file."""
+    frequency, group = sound.problem.design.frequency, sound.problem.design.group
+    x = np.unique(np.log(frequency[group == 0]))
+    step = float(np.ptp(x)) / (x.size - 1)
+    found = draft(sound, made(sound, "frequency", 1500.0, width=1.2 * step), tmp_path)
+    assert found.width == pytest.approx(1.2 * step, rel=0.35) and found.axis == "frequency"
+    width = plugin.read(tmp_path / FILE).parameters[-1]
+    assert width.bounds.lower < 0.5 * found.width and found.width < 0.5 * width.bounds.upper
+    low, high = width.prior_quantile(np.array([0.05, 0.95]))
+    assert low < width.to_sampling(found.width) < high
+
+
+def test_steps_are_those_along_sweeps() -> None:
+    """Two readings close together do not say how fine a sweep is; sweeps of one condition each say it together."""
+    x = np.log([100.0, 200.0, 400.0, 800.0, 801.0])
+    narrow, wide = _widths(x, np.zeros(5, int))
+    assert narrow == pytest.approx(np.log(8.01) / 4) and wide == pytest.approx(np.log(8.01) / 2)
+    apart = np.log([100.0, 100.0, 300.0, 900.0])
+    assert _widths(apart, np.array([0, 0, 1, 2]))[0] == pytest.approx(np.log(3.0))

@@ -6,8 +6,10 @@ import logging
 from pathlib import Path
 
 import pytest
+from truths import experiment
 
-from psafit.diagnose.folder import set_aside
+from psafit.diagnose.folder import claim, set_aside
+from psafit.errors import InputError
 
 
 def test_an_answer_gives_way_to_another_and_is_kept(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -16,7 +18,7 @@ def test_an_answer_gives_way_to_another_and_is_kept(tmp_path: Path, caplog: pyte
     for name, text in {**own, "diagnosis.html": "page", "predictions-launch_speed.csv": "of a fit"}.items():
         (tmp_path / name).write_text(text)
     (tmp_path / "experiment").mkdir()
-    with caplog.at_level(logging.INFO):
+    with caplog.at_level(logging.INFO, "psafit"):
         set_aside(tmp_path)
     kept = tmp_path / "previous"
     assert {p.name for p in kept.iterdir()} == {*own, "diagnosis.html", "experiment"}
@@ -30,3 +32,20 @@ def test_an_answer_gives_way_to_another_and_is_kept(tmp_path: Path, caplog: pyte
         (tmp_path / name).write_text(text.replace("1", "2"))
     set_aside(tmp_path)
     assert (kept / "predictions-diagnosis.csv").read_text() == "2" and not (kept / "diagnosis.html").exists()
+
+
+def test_what_somebody_calls_previous_is_not_replaced(tmp_path: Path) -> None:
+    claim(tmp_path, experiment())
+    (tmp_path / "previous").mkdir()
+    with pytest.raises(InputError, match="previous: is none that a diagnosis made"):
+        claim(tmp_path, experiment())
+
+
+@pytest.mark.parametrize("files", ["null", '{"../beyond.csv": ""}', '["predictions-diagnosis.csv"]'])
+def test_a_record_that_was_edited_moves_nothing_of_others(tmp_path: Path, files: str) -> None:
+    place, beyond = tmp_path / "answer", tmp_path / "beyond.csv"
+    place.mkdir()
+    beyond.write_text("somebody's")
+    (place / "diagnosis.json").write_text(f'{{"files": {files}}}')
+    set_aside(place)
+    assert beyond.exists() and [p.name for p in place.iterdir()] == ["previous"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import emcee
@@ -58,7 +58,8 @@ def test_moves_are_tuned_again_by_what_walkers_reach_late() -> None:
     at = (0, 49, 50, 149, 150, 449, 450, 5000)
     assert [usual.tuned_at(n) for n in at] == [0, 0, 50, 50, 150, 150, 450, 4050]
     assert [usual.until(n) for n in (0, 150, 300, 450, 1300)] == [50, 400, 450, 700, 1350]
-    assert Settings(tuned=0).tuned_at(5000) == 0
+    assert Settings(tuned=0, max_steps=500).tuned_at(5000) == 0
+    assert Settings(max_steps=1400).tuned_at(1400) == 450  # at 1350 nothing would be left
     draws = np.random.default_rng(1).standard_normal((4000, 32, 2))
     found = ensembles.chain_of(_history(draws), usual, 3000)
     assert found.converged and found.burn_in == 3000 and found.draws.shape[1] == 1000
@@ -124,13 +125,13 @@ def test_same_seed_same_draws_and_a_killed_chain_resumes(problem: Problem, tmp_p
         SAMPLER.draw(replace(one, path=tmp_path / name), settings, silent)
         return emcee.backends.HDFBackend(str(tmp_path / name), name="psafit", read_only=True).get_chain()
 
-    undisturbed = chain("a.h5", 70)
-    assert undisturbed.shape == (70, 64, problem.n_dim)
+    undisturbed = chain("a.h5", 100)
+    assert undisturbed.shape == (100, 64, problem.n_dim)
     for stop in (10, 15, 33, 45):
         assert len(chain("b.h5", stop)) == stop
-    assert np.array_equal(chain("b.h5", 70), undisturbed)
+    assert np.array_equal(chain("b.h5", 100), undisturbed)
     assert not np.array_equal(undisturbed[:, :16], undisturbed[:, 16:32])  # each ensemble has its own seed
-    assert not np.array_equal(chain("c.h5", 70, tuned_by=100), undisturbed)  # and the moves are tuned
+    assert not np.array_equal(chain("c.h5", 100, tuned_by=100), undisturbed)  # and the moves are tuned
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.h5", "b.h5", "c.h5"]  # nothing half-written stays
 
 
@@ -277,6 +278,19 @@ def test_modes_get_their_own_weights_and_a_stuck_walker_leaves(tries: int, tmp_p
     assert chain.converged, (chain.draws.shape, chain.r_hat)
     assert (chain.draws.min(axis=(0, 1)) > [-10.0, -20.0]).all()
     assert np.mean(chain.draws[..., 0] < 6) == pytest.approx(0.8, abs=0.05)
+
+
+def test_a_thinned_chain_says_what_the_whole_one_does(tmp_path: Path) -> None:
+    """Also at the very step after which moves are tuned again, from which nothing is kept yet."""
+    # So far off are its independent draws that it has not converged by then.
+    usual = Settings(n_walkers=16, tuned=150, max_steps=900, autocorrelation_times=1e6)
+    TwoModes().run(tmp_path / "c.h5", replace(usual, max_steps=450), 0.7, 0.3)
+    values = 450 * 64 * 2
+    whole, thinned = (SAMPLER.look(tmp_path / "c.h5", asdict(usual), 2, values // k) for k in (1, 4))
+    assert whole is not None and thinned is not None and whole.steps == thinned.steps == 450
+    kept = [p.autocorrelation_times * p.autocorrelation_time for p in (whole, thinned)]
+    assert kept[0] == pytest.approx(300, abs=1) and kept[1] == pytest.approx(300, abs=8)
+    assert thinned.r_hat == pytest.approx(whole.r_hat, abs=0.02)
 
 
 def test_a_foreign_checkpoint_is_refused(problem: Problem, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any, cast
@@ -92,9 +92,12 @@ class Settings(SamplerSettings):
         return min(n for n in (self._tunings(steps)[1], steps + self.chunk, self.max_steps) if n > steps)
 
     def _tunings(self, steps: int) -> tuple[int, int]:
-        """Steps after which moves were tuned last, if so many are done, and will be next; at 0 they never are."""
-        last, following = 0, max(self.tuned // 3, 1) if self.tuned else self.max_steps
-        while following <= steps:
+        """Steps after which moves were tuned last, if so many are done, and will be next.
+
+        They never are where `tuned` is 0, nor so late that less than half of all steps would be left.
+        """
+        last, following = 0, math.ceil(self.tuned / 3)
+        while 0 < following <= min(steps, self.max_steps // 2):
             last, following = following, 3 * following
         return last, following
 
@@ -299,10 +302,10 @@ class Emcee:
         found = _read(path, n_dim, values)
         if found is None:
             return None
-        every, history = found
+        steps, every, history = found
         own = Settings(**cast(dict[str, Any], settings))
-        steps = every * len(history.chain)
-        return _progress(chain_of(history, own, own.tuned_at(steps - 1) // every), steps, own, every)
+        thinned = replace(own, tuned=own.tuned // every)
+        return _progress(chain_of(history, thinned, own.tuned_at(steps - 1) // every), steps, own, every)
 
 
 SAMPLER = Emcee()
@@ -406,7 +409,7 @@ def chain_of(history: History, settings: Settings, tuned: int) -> Chain:
     top = np.unravel_index(np.argmax(history.log_prob), history.log_prob.shape)
     r_hat = store.r_hat(by_ensemble(draws, settings.ensembles))
     converged = bool(
-        burn >= max(tuned, settings.tuned)
+        burn >= settings.tuned
         and kept >= settings.autocorrelation_times * tau.max()
         and kept * n_all / tau.max() >= settings.effective_samples
         and r_hat.max() < settings.r_hat
@@ -521,8 +524,11 @@ def _resume(backends: Sequence[emcee.backends.Backend], path: Path, identity: st
         )
 
 
-def _read(path: Path, n_dim: int, values: int) -> tuple[int, History] | None:
-    """Every so many-th step of a checkpoint, which nothing is locked for, or None where there is none to be read."""
+def _read(path: Path, n_dim: int, values: int) -> tuple[int, int, History] | None:
+    """Steps done, and every so many-th step of a checkpoint, or None where there is none to be read.
+
+    Nothing is locked for it.
+    """
     try:
         with h5py.File(path, "r", locking=False) as f:
             group = f[GROUP]
@@ -538,4 +544,4 @@ def _read(path: Path, n_dim: int, values: int) -> tuple[int, History] | None:
         return None
     history = History(*arrays)
     sound = n and np.isfinite(history.log_prob).all() and np.isfinite(history.chain).all()
-    return (every, history) if sound else None
+    return (n, every, history) if sound else None

@@ -64,9 +64,11 @@ def scale_axis(
     (axes.set_xlim if which == "x" else axes.set_ylim)(low, high)
     shown = math.log10(high / low) if log else 0.0
     if not log or shown < decades:
-        ticks = MaxNLocator(count, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
-        axis.set_major_locator(FixedLocator([t for t in ticks if low <= t <= high]))
-        axis.set_minor_locator(NullLocator())
+        places = [MaxNLocator(n, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high) for n in (count, 4 * count)]
+        ticks, between = ([t for t in at if low <= t <= high] for at in places)
+        axis.set_major_locator(FixedLocator(ticks))
+        # Between two labels of a logarithmic axis nobody guesses a value.
+        axis.set_minor_locator(FixedLocator(between) if log else NullLocator())
     elif shown < (2.0 if few else 2.6):
         close = shown < (1.2 if few else 1.6)
         axis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0) if close else (1.0, 3.0), numticks=20))
