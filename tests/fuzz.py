@@ -86,7 +86,7 @@ ALONE = ("import", "keys")
 # Commands that end at once and keep nothing in memory: they run within this process.
 READS = ("import", "check")
 CAMPAIGN = (
-    f"challenge run --seed 11 --experiment rig --terms {CAUSES[0]} --each 0 --nothing 2 --pairs 0 --drawn 0"
+    f"challenge run --seed 11 --experiment rig --terms {CAUSES[0]} --each 0 --nothing 2 --pairs 0 --drawn 0 --designs 0"
     " --quiet --out campaign"
 )
 
@@ -274,7 +274,7 @@ READERS: dict[str, tuple[list[str], list[str]]] = {
     "pair": (["fit/*", "diagnosis/*"], ["report fit diagnosis", "report diagnosis fit"]),
     "steps": (
         ["interrupted/steps/*"],
-        ["diagnose rig --group a --quick --no-report --quiet --out interrupted"],
+        [f"diagnose rig --group a --quick --causes {','.join(CAUSES)} --no-report --quiet --out interrupted"],
     ),
     "challenge": (
         ["challenge/*.json", "challenge/*.txt", "challenge/experiment/*", "challenge/diagnosis/diagnosis.json"],
@@ -391,8 +391,6 @@ def run(kind: str, words: list[str], folder: Path) -> dict[str, Any]:
 
 def stand_ins(kind: str) -> contextlib.ExitStack:
     """What takes the place of long work: nothing, as far as options go; few candidates, where steps are read."""
-    from psafit.diagnose import diagnose
-    from psafit.physics import terms
 
     def reached(*args: object, **options: object) -> None:
         raise Reached
@@ -400,9 +398,6 @@ def stand_ins(kind: str) -> contextlib.ExitStack:
     patches = contextlib.ExitStack()
     for name in LONG if kind == "options" else ():
         patches.enter_context(mock.patch(name, reached))
-    if kind == "steps":
-        few = functools.partial(diagnose, catalogue=terms(CAUSES), jobs=1)
-        patches.enter_context(mock.patch("psafit.diagnose.diagnose", few))
     return patches
 
 
