@@ -385,7 +385,7 @@ def test_folders_of_others_are_left_alone(known: Experiment, finished: Run, tmp_
 
 @pytest.mark.slow
 def test_run_carries_its_causes(tmp_path: Path) -> None:
-    experiment = rig(["swing_drag"], [3.0], seed=4)
+    experiment = rig(["swing_drag"], [3.0], seed=3)
     quick = Settings(chunk=100, r_hat=1.5, effective_samples=50, autocorrelation_times=5, max_steps=300, tuned=30)
     chosen = terms(["swing_drag"])
     fit(experiment, [1], tmp_path / "run", terms=chosen, n_starts=4, settings=quick)
@@ -395,8 +395,7 @@ def test_run_carries_its_causes(tmp_path: Path) -> None:
     reported = audit(run)
     assert reported.converged and reported.engine == "closed form" and (tmp_path / "run" / "numerics.json").exists()
     worst = [r.worst for r in reported.refinement]
-    seen = [w for w in worst if w > 1e-8]  # below, rounding decides
-    assert seen == sorted(seen, reverse=True) and len(seen) >= 2 and worst[-1] < 1e-3 * worst[0]
+    assert worst == sorted(worst, reverse=True) and worst[-1] < 1e-3 * worst[0]
     with pytest.raises(InputError, match="another run"):
         fit(experiment, [1], tmp_path / "run", n_starts=4, settings=quick)
 
