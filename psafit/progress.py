@@ -78,11 +78,13 @@ class _Whole(ProgressColumn):
         return Text(_until(task.fields["end"]))
 
 
-class _Note(ProgressColumn):
-    """What is counted, in a line: the column that gives way where there is little room."""
+class _Cut(TextColumn):
+    """A text in a line, of which the end gives way where there is little room."""
 
     def render(self, task: Task) -> Text:
-        return Text(task.fields["note"], style="dim", no_wrap=True, overflow="ellipsis")
+        text = super().render(task)
+        text.no_wrap, text.overflow = True, "ellipsis"
+        return text
 
 
 class _Bars(Silent):
@@ -158,17 +160,15 @@ def watcher(quiet: bool, every: float = 10.0) -> Iterator[Watcher]:
     if quiet or sys.stderr is None:  # nobody's, where it was closed
         yield Silent()
     elif sys.stderr.isatty():
-        console = Console(stderr=True)
         columns = (
-            # The times stand in full on a terminal of 80 columns.
-            TextColumn("{task.description}", table_column=Column(no_wrap=True, max_width=max(console.width - 57, 12))),
+            _Cut("{task.description}", table_column=Column()),
             BarColumn(bar_width=8, table_column=Column(no_wrap=True)),
             TimeElapsedColumn(table_column=Column(no_wrap=True)),
             TimeRemainingColumn(table_column=Column(no_wrap=True)),
             _Whole(table_column=Column(no_wrap=True)),
-            _Note(),
+            _Cut("{task.fields[note]}", style="dim", table_column=Column()),
         )
-        with Progress(*columns, console=console) as bars:
+        with Progress(*columns, console=Console(stderr=True)) as bars:
             show = _Bars(bars)
             yield show
             show.finish()

@@ -87,7 +87,6 @@ def test_a_refit_that_ends_early_leaves_no_dip(finished: Run, monkeypatch: pytes
     problem = finished.problem
     top = problem.to_sampling(np.array(list(finished.fit.minima[0].values.values())))
     (right,) = identify.profiles(problem, top, columns=[1])
-    rng = np.random.default_rng()
 
     def early(*args: Any, **options: Any) -> Optima:
         end = maximise(*args, **options)

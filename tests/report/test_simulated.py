@@ -64,10 +64,8 @@ def test_a_picture_shows_the_tied_sets(  # type: ignore[no-untyped-def]
     monkeypatch.setattr(simulated, "write_picture", lambda groups, curves, path, ends: shown.append(curves))
     words = ("--run", found, "--plot", tmp_path / "x.png", "--out", file)
     assert run(monkeypatch, "simulate", known_folder, *words) == 0
-    assert list(shown[0]) == [
-        "hysteresis",
-        "hysteresis + gap",
-    ]  # one of three sets was not fitted, the baseline is not tied
+    # One of three sets was not fitted, the baseline is not tied.
+    assert list(shown[0]) == ["hysteresis", "hysteresis + gap"]
     (first, _), (second, _) = shown[0].values()
     assert first == pytest.approx(pandas.read_csv(file)["predicted_um"].to_numpy())
     assert (second != first).any()
