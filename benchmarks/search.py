@@ -88,7 +88,7 @@ class Found:
     modes: np.ndarray
 
 
-def search(problem: Problem, seed: int, most: int, progress: Callable[[str, int, int], None], jobs: int = 1) -> Found:
+def search(problem: Problem, seed: int, most: int, progress: Callable[[str], None], jobs: int = 1) -> Found:
     """Search all causes, in sets of at most `most`, in so many processes; `problem` has none."""
     settings = SearchSettings(most_causes=most)
     found = searched(problem, TERMS, seed=seed, progress=progress, settings=settings, jobs=jobs)
@@ -177,7 +177,7 @@ def measure(
     known: Mapping[str, Any] | None = None,
     tolerance: float = 1e-4,
     shown: int = 10,
-    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+    progress: Callable[[str], None] = lambda what: None,
 ) -> dict[str, Any]:
     """Search one data set, and compare what is found with what is hidden.
 
@@ -197,7 +197,7 @@ def measure(
     shown : int
         Models that are kept in the record.
     progress : callable
-        Called with (what, done, total).
+        Called with what is being done.
     """
     problem = Problem(data.experiment, data.experiment.ids, tolerance=tolerance)
     warm_up(problem)
@@ -209,7 +209,7 @@ def measure(
     work = 0.5 * (before + pace())
     best = found.order[0]
     evidence, error, _ = evidence_of(candidate_at(replace(problem, terms=terms(best)), found.modes), seed=1)
-    progress("the truth alone", 0, 1)
+    progress("the truth alone")
     alone = dict(known) if known else truth_alone(data, problem)
     log_posterior = evidence + log_prior(best)
     return {
@@ -351,9 +351,9 @@ def _is_of(record: Mapping[str, Any] | None, data: DataSet, seed: int, most: int
     return record is not None and all(record.get(key, 1) == value for key, value in asked.items())
 
 
-def _shown(what: str, done: int, total: int) -> None:
+def _shown(what: str) -> None:
     if sys.stderr.isatty():
-        print(f"\r\033[K  {what} ({done} of {total})"[:150], end="", file=sys.stderr, flush=True)
+        print(f"\r\033[K  {what}"[:150], end="", file=sys.stderr, flush=True)
 
 
 def in_words(record: Mapping[str, Any]) -> str:

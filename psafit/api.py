@@ -42,9 +42,9 @@ from psafit.validate import Prediction, columns_of, prediction_rows, validate
 
 
 class _Shown:
-    """What a notebook shows of a view: a headline above tables."""
+    """What a notebook shows of a view: a headline, remarks, and tables."""
 
-    def _summary_parts(self) -> tuple[str, list[pd.DataFrame]]:
+    def _summary_parts(self) -> tuple[str, Sequence[str], list[pd.DataFrame]]:
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -196,7 +196,7 @@ class Rig(_Shown):
         """
         return notebook.plot_group(_part(self.experiment, group, observable), (), ax)
 
-    def _summary_parts(self) -> tuple[str, list[pd.DataFrame]]:
+    def _summary_parts(self) -> tuple[str, Sequence[str], list[pd.DataFrame]]:
         rows = [
             {
                 "group": str(g.id), "waveform": g.drive.label, "readings": g.n_points,
@@ -206,7 +206,7 @@ class Rig(_Shown):
             }
             for g in self.experiment.groups
         ]  # fmt: skip
-        return self.experiment.title, [pd.DataFrame(rows).set_index("group").dropna(axis="columns", how="all")]
+        return self.experiment.title, [], [pd.DataFrame(rows).set_index("group").dropna(axis="columns", how="all")]
 
 
 class Fitted(_Shown):
@@ -293,7 +293,7 @@ class Fitted(_Shown):
 
         return write_report(self.run, *self._validated, audit(self.run))
 
-    def _summary_parts(self) -> tuple[str, list[pd.DataFrame]]:
+    def _summary_parts(self) -> tuple[str, Sequence[str], list[pd.DataFrame]]:
         record, mean = self.run.fit, self._validated[0].holdout_log_rmse
         model = " + ".join(["baseline", *record.terms])
         unseen = "no group was held out" if mean is None else f"mean log_rmse of unseen groups {mean:.3f}"
@@ -309,7 +309,7 @@ class Fitted(_Shown):
             for s in self.run.summary.parameters
         ]
         parameters = pd.DataFrame(rows, columns=["parameter", "what the readings say", "r_hat"]).set_index("parameter")
-        return headline + state, [parameters, scores]
+        return headline + state, [], [parameters, scores]
 
 
 class Diagnosed(_Shown):
@@ -421,8 +421,7 @@ class Diagnosed(_Shown):
 
         return write_diagnosis(self.record, self.experiment, self.folder)
 
-    def _summary_parts(self) -> tuple[str, list[pd.DataFrame]]:
-        named = f" ({' + '.join(self.named)})" if self.named else ""
+    def _summary_parts(self) -> tuple[str, Sequence[str], list[pd.DataFrame]]:
         tables = [self.causes]
         if any(set(c.terms) == set(self.named) for c in self.record.causes):
             name, column = key_of(self.named), "what the readings say"
@@ -430,7 +429,7 @@ class Diagnosed(_Shown):
             tables.append(
                 pd.DataFrame(rows, columns=[f"parameter of {name}", column]).set_index(f"parameter of {name}")
             )
-        return " ".join([f"{self.verdict}{named}.", *self.record.sentences]), tables
+        return self.record.headline, self.record.sentences, tables
 
 
 def _sizes(cause: CauseResult) -> Iterator[tuple[str, str]]:

@@ -27,6 +27,7 @@ from psafit.experiment.text import one_line
 from psafit.observables import OBSERVABLES, Observable
 from psafit.physics import informed
 from psafit.simulate import Design, readings
+from psafit.text import significant
 
 
 def read(folder: str | Path) -> Experiment:
@@ -109,7 +110,11 @@ def _off_scale(experiment: Experiment, moving: tuple[Group, ...], observable: Ob
         driven = tuple(g for g, rests in zip(moving, still, strict=True) if not rests)
         found = [_undriven(g, nearly_all) for g, rests in zip(moving, still, strict=True) if rests]
         return found + (_off_scale(experiment, driven, observable) if driven else [])
-    ratio = np.log(np.abs(np.concatenate([g.reading for g in groups]))) - np.log(np.maximum(predicted, 1e-12))
+    size = np.abs(np.concatenate([g.reading for g in groups]))
+    usual = np.quantile(np.median(predicted, axis=1), [0.05, 0.95])
+    own, lower, upper = (significant(x, 2) for x in (float(np.median(size)), *map(float, usual)))
+    middles = f"median {own} {observable.unit}, theirs {lower} to {upper} {observable.unit}"
+    ratio = np.log(size) - np.log(np.maximum(predicted, 1e-12))
     of_group = np.array([np.median(ratio[:, mine], axis=1) for mine in rows])
     middle = of_group[::-1] if len(moving) == 2 else np.broadcast_to(np.median(of_group, axis=0), of_group.shape)
     off = of_group - middle
@@ -119,8 +124,8 @@ def _off_scale(experiment: Experiment, moving: tuple[Group, ...], observable: Ob
         alone = np.mean(sign * of_group > 0, axis=1) > nearly_all
         if alone.all():
             found.append(
-                f"{read} lie {way} those of {100 * nearly_all:.0f} % of the rigs that the prior holds; are they"
-                f" {asked}, are columns swapped, or is a constant wrong?"
+                f"{read} lie {way} those of {100 * nearly_all:.0f} % of the rigs that the prior holds ({middles});"
+                f" are they {asked}, are columns swapped, or is a constant wrong?"
             )
             continue
         for group, apart, odd in zip(moving, off, alone, strict=True):

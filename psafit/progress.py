@@ -33,7 +33,7 @@ TITLES = {
     "validate": "validate on all groups",
     "reproduce": "recompute the study",
     "parts": "search the causes, without some of the groups",
-    "causes": "search the causes, on all groups",
+    "causes": "search the causes",
     "tests": "test the baseline and its best extension",
     "next experiment": "look for the best next measurement",
     "isolability": "compare what causes would do",

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from diagnoses_by_hand import make_record
 from fits_by_hand import make_run, mixed_groups
+from markupsafe import escape
 from reader import HOSTILE
 from test_architecture import HEAVY
 
@@ -75,7 +76,7 @@ def test_readings_of_several_observables_are_in_columns_of_their_own(mixed: Fitt
     ]  # fmt: skip
     counts = data.count()[["time_us", "launch_range_um", "launch_speed_mm_s", "contact_time_us", "velocity_mm_s"]]
     assert counts.tolist() == [12, 10, 10, 10, 12]
-    shown = rig._summary_parts()[1][0]
+    shown = rig._summary_parts()[2][0]
     assert shown.loc["1", ["launch range (um)", "launch speed (mm/s)", "contact time (us)"]].tolist() == [
         "20 to 30", "0.2 to 0.3", "150 to 400",
     ]  # fmt: skip
@@ -192,8 +193,12 @@ def test_a_diagnosis_in_a_notebook(diagnosis: tuple[Path, Experiment]) -> None:
     assert (found.causes.index[-1], found.causes["probability"].iloc[-1]) == ("a discrepancy without a name", 0.03)
     few = Diagnosed(replace(found.record, unnamed=1e-4), experiment, folder)
     assert few.causes.index[-1] == "baseline"
-    assert "ambiguous (hysteresis)" in repr(found) and "baseline" in found._repr_html_()
-    assert found.record.sentences[0] in " ".join(repr(found).split())
+    assert "baseline" in found._repr_html_() and f"<li>{escape(found.record.sentences[-1])}</li>" in found._repr_html_()
+    lines = repr(found).splitlines()
+    assert found.record.headline in " ".join(lines) and len([x for x in lines if x.startswith("- ")]) == len(
+        found.record.sentences
+    )
+    assert f"- {found.record.sentences[0]}" in " ".join(repr(found).split())
     ax = Figure().subplots()
     assert found.plot(ax=ax) is ax and found.plot(2, ax=ax) is ax
     assert found.report() == folder / "diagnosis.html"

@@ -166,7 +166,7 @@ def test_a_diagnosis_is_watched(diagnosis: tuple[Path, Experiment], tmp_path: Pa
         watcher.stage("causes")
         assert run(monkeypatch, "watch", folder, "--once") == 0
         line = capsys.readouterr().out
-        assert "search the causes, on all groups; short fits kept 1; time spent" in line
+        assert "search the causes; short fits kept 1; time spent" in line
         assert "time left" not in line
         watcher.stage("tests")
         watcher.stage("significance")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -149,6 +150,7 @@ def diagnose(
             command=command,
         )
     write_result(json_file, result)
+    page = None
     try:
         if not quiet:
             say_diagnosis(result, data.beliefs)
@@ -158,8 +160,8 @@ def diagnose(
             from psafit.report.diagnosis import write_diagnosis
 
             page = write_diagnosis(result, data, folder)
-    if not (quiet or no_report):
-        click.echo(f"report: {shown_path(page)}")
+    if not quiet:
+        _say_after(result, folder, page)
     return DONE if result.numerics.converged else CHECK_FAILED
 
 
@@ -205,6 +207,15 @@ def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: in
     for run in result.extension.values():
         if not run.converged:
             click.echo(f"  posterior of {' + '.join(run.terms)}: {run.message}")
+
+
+def _say_after(result: Diagnosis, folder: Path, page: Path | None) -> None:
+    """Print where the page is, if there is one, and how the proposed measurement becomes a folder for its readings."""
+    if page is not None:
+        click.echo(f"report: {shown_path(page)}")
+    if result.next_experiment.recommended:
+        plan = ["psafit", "plan", folder, "--out", f"{folder.name.removesuffix('-diagnosis')}-next", *plugin_words()]
+        click.echo(f"what to measure next, as a folder: {shlex.join(shown_path(str(word)) for word in plan)}")
 
 
 def share_text(fraction: float) -> str:

@@ -223,6 +223,7 @@ def _span(span: list[float], unit: str) -> str:
 def _say_fit(result: Run, numerics: Numerics) -> None:
     """Say what a fit found, and whether it converged."""
     from psafit.inference.identify import profiled
+    from psafit.inference.samplers import sampler
     from psafit.inference.summary import overdamped
     from psafit.report.wording import compared
 
@@ -240,8 +241,9 @@ def _say_fit(result: Run, numerics: Numerics) -> None:
     if lagging := overdamped(result.problem, result.summary.parameters):
         click.echo(lagging)
     click.echo(f"posterior: {result.summary.message}")
-    other = result.summary.importance
-    worst = other.furthest
-    click.echo(f"posterior: {compared(worst.name, worst.apart, other.by_chance, other.effective)}")
+    if sampler(result.fit.sampled_by).checked:
+        other = result.summary.importance
+        worst = other.furthest
+        click.echo(f"posterior: {compared(worst.name, worst.apart, other.by_chance, other.effective)}")
     if not numerics.converged:
         click.echo(unresolved(numerics.error, numerics.required))

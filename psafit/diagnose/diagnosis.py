@@ -351,9 +351,9 @@ class Work:
         absent = [str(g) for g in self.experiment.ids if g not in groups]
         which = f"without {', '.join(absent)}: " if absent else ""
 
-        def progress(what: str, done: int, total: int) -> None:
+        def progress(what: str) -> None:
             # What is likely changes as the search goes on: nobody can know how much is left.
-            self.watcher.update(done, None, which + (f"{done} of {total} {what}" if total > 1 else what))
+            self.watcher.update(0, None, which + what)
 
         if (groups, starts) not in self._model_sets:
             self._model_sets[groups, starts] = _model_set_of(
@@ -498,7 +498,7 @@ def _model_set_of(
     starts: Sequence[Candidate] = (),
     jobs: int = 1,
     scheduler: str | None = None,
-    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+    progress: Callable[[str], None] = lambda what: None,
 ) -> ModelSet:
     """The model set of what some groups say."""
     return searched(

@@ -204,6 +204,14 @@ class Sampler(Protocol):
     def libraries(self) -> tuple[str, ...]:
         """Distributions that it needs, whose versions shape what it draws."""
 
+    @property
+    def chained(self) -> bool:
+        """Whether its draws are steps of chains, which have a burn-in, an acceptance and a length."""
+
+    @property
+    def checked(self) -> bool:
+        """Whether the importance draws that every run has are another way than its own."""
+
     def settings(self, problem: Problem) -> Any:
         """Its settings for a problem: a `SamplerSettings` with fields of its own."""
 

@@ -12,6 +12,7 @@ from psafit.arrays import FloatArray
 from psafit.inference import identify, store
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
+from psafit.inference.samplers import sampler
 from psafit.inference.sampling import Chain
 from psafit.parameters import SHARES
 from psafit.records import Fit, ImportanceEntry, ImportanceSummary, ParameterSummary, PosteriorSummary, ProfilePoint
@@ -68,6 +69,8 @@ def summarise(
     # Rounded so that what misses its goal is never printed as meeting it.
     mixed = store.rounded_r_hat(float(chain.r_hat.max()), goal)
     message = f"{math.floor(reached)} autocorrelation times, R-hat at most {mixed}"
+    if not sampler(record.sampled_by).chained:
+        message = f"{chain.draws.shape[0] * kept} independent draws"
     if not chain.converged:
         wanted = "".join(
             f"; {words} {record.sampler[name]:g} wanted"

@@ -32,7 +32,7 @@ def search_models(
     scheduler: str | None = None,
     starts: Sequence[Candidate] = (),
     passes: Callable[[Candidate], bool] = lambda candidate: True,
-    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+    progress: Callable[[str], None] = lambda what: None,
 ) -> ModelSet:
     """Search the catalogue for what explains the readings.
 
@@ -54,7 +54,7 @@ def search_models(
     passes : callable
         Whether the readings pass the tests of misfit by a model.
     progress : callable
-        Called with (what, models whose neighbours were fitted, models of which they are to be) whenever there is news.
+        Called with what leads and what is being worked out, whenever there is news.
 
     Returns
     -------
@@ -64,20 +64,19 @@ def search_models(
     if settings.most_causes < 1:
         raise InputError(f"most_causes = {settings.most_causes}", "choose 1 or more")
     with processes(jobs, scheduler) as usable:
-        state = "", 0, 1
+        so_far = ""
         latest: list[ModelSet] = []
 
-        def reached(what: str, done: int, total: int) -> None:
-            nonlocal state
-            state = what, done, total
-            progress(*state)
+        def reached(what: str) -> None:
+            nonlocal so_far
+            so_far = what
+            progress(what)
 
         def doing(what: str) -> None:
-            so_far, done, total = state
-            progress(f"{so_far}; {what}" if so_far else what, done, total)
+            progress(f"{so_far}; {what}" if so_far else what)
 
         def tested(model: Model[Fitted]) -> bool:
-            doing(f"tests of {set_name(model.ids)}")
+            doing(f"testing {set_name(model.ids)}")
             return passes(model.content.candidate)
 
         fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts, doing)

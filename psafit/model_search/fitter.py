@@ -79,7 +79,7 @@ class ProblemFitter:
     def carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> list[Known]:
         """Fit models from the optima of two that together have all their causes."""
         tasks = list(self._carried(wanted, known))
-        found = self._done(tasks, "fits from known optima")
+        found = self._done(tasks, "fits that begin at others' best values")
         return [_estimated(candidate_at(t.problem, a["u"])) for t, a in zip(tasks, found, strict=True)]
 
     def again(self, known: Sequence[Known], origin: Known) -> list[Known]:
@@ -91,7 +91,7 @@ class ProblemFitter:
         seed = self.seed if origin.sampled and not there.starts.all() else None
         tasks = [self._optimise(c.problem, (c, there), seed=seed) for c in own]
         risen = []
-        for model, end in zip(known, self._done(tasks, "fits from a neighbour's optimum"), strict=True):
+        for model, end in zip(known, self._done(tasks, "fits that begin at another's best values"), strict=True):
             before = model.content.candidate
             if end["height"][0] > max(before.log_posterior, model.content.top) + self.settings.better:
                 risen.append(_estimated(candidate_at(before.problem, np.vstack([end["u"], before.modes])), model))
@@ -114,7 +114,7 @@ class ProblemFitter:
         problem, ahead = looks[0].problem, foreseen or _NOTHING
         # The look from the prior alone takes longest.
         other, one = (_candidate(problem, a) for a in self._done(looks[::-1], _looking(model), self._ahead(ahead)))
-        drawing = f"samples of {set_name(model.ids)}"
+        drawing = f"{set_name(model.ids)} sampled"
         (kept,) = self._done([self._joined(model, one, other)], drawing, self._ahead(ahead))
         known = ("modes", "starts")
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name not in known}
@@ -128,7 +128,7 @@ class ProblemFitter:
         tasks = [self._effects(models[ids], models) for ids in wanted]
         return {
             ids: Effects(**found)
-            for ids, found in zip(wanted, self._done(tasks, "models asked what each cause does"), strict=True)
+            for ids, found in zip(wanted, self._done(tasks, "sets asked how far each cause shows"), strict=True)
         }
 
     @cached_property
@@ -271,7 +271,7 @@ _NOTHING: Foreseen[Fitted] = Foreseen((), (), {})
 
 
 def _looking(model: Known) -> str:
-    return f"looks for the modes of {set_name(model.ids)}"
+    return f"thorough fits of {set_name(model.ids)}"
 
 
 # Looks for the modes of a model, by the names of their results.

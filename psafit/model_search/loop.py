@@ -355,7 +355,7 @@ def search(
     starts: Sequence[Ids] = (),
     passes: Callable[[Model[Content]], bool] = lambda model: True,
     decisive: Callable[[Searched[Content]], Sequence[Ids]] = lambda found: (),
-    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+    progress: Callable[[str], None] = lambda what: None,
 ) -> Searched[Content]:
     """Search the sets of a catalogue's causes; what is not said here is as of `psafit.model_search.search_models`.
 
@@ -380,9 +380,7 @@ def search(
         highest = known.value(best_model)
         near = [m for m in shown if known.comes_near(m, highest)]
         left = [m for m in near if not m.sampled or not known.complete(m, highest)]
-        compared = "likely models compared with their neighbours; " if len(near) > 1 else ""
-        so_far = f"{compared}{set_name(best_model.ids)} leads; {count(len(models), 'model')} fitted in this search"
-        progress(so_far, len(near) - len(left), len(near))
+        progress(f"{set_name(best_model.ids)} leads; {count(len(models), 'set')} of causes tried")
         sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
         whole = known.complete(best_model, highest)
         small = len(best_model.ids) == 2 or (len(best_model.ids) == 1 and whole)

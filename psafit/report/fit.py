@@ -448,12 +448,18 @@ def _score_row(shown: Shown) -> list[Any]:
 def _health(run: Run) -> list[list[Any]]:
     s = run.summary
     verdict = {"text": "converged" if s.converged else "not converged", "kind": "good" if s.converged else "bad"}
+    used = sampler(run.fit.sampled_by)
+    chains = [["Sampler", run.fit.sampled_by, used.about]]
+    if used.chained:
+        chains = [
+            ["Chains", str(s.n_walkers), used.about],
+            ["Steps of each", f"{s.n_steps}", f"of which {s.burn_in} burn-in"],
+            ["Acceptance", percent(s.acceptance), "proposals accepted; above 20 % is healthy"],
+            ["Length after burn-in", f"{s.autocorrelation_times:.0f}", "autocorrelation times of the slowest one"],
+        ]
     return [
         ["Verdict", verdict, s.message],
-        ["Chains", str(s.n_walkers), sampler(run.fit.sampled_by).about],
-        ["Steps of each", f"{s.n_steps}", f"of which {s.burn_in} burn-in"],
-        ["Acceptance", percent(s.acceptance), "proposals accepted; above 20 % is healthy"],
-        ["Length after burn-in", f"{s.autocorrelation_times:.0f}", "autocorrelation times of the slowest parameter"],
+        *chains,
         ["Kept", f"{run.draws.values.shape[0] * run.draws.values.shape[1]} draws", f"one step in {s.thinning}"
          if s.thinning > 1 else "every step"],
         ["Largest R-hat", f"{max(p.r_hat for p in s.parameters):.4f}",
@@ -475,9 +481,10 @@ def _importance(run: Run) -> dict[str, Any]:
             cells += [with_unit(number(median, width), unit), with_unit(interval(lower, upper, width), unit)]
         rows.append([symbols[own.name], *cells, fixed(importance.apart, 2)])
     words = compared(worst.name, worst.apart, other.by_chance, other.effective)
+    checked = sampler(run.fit.sampled_by).checked
     return {
-        "text": typeset(words[0].upper() + words[1:]) + ".",
-        "rows": rows,
+        "text": typeset(words[0].upper() + words[1:]) + "." if checked else "These draws are the sampler’s own.",
+        "rows": rows if checked else [],
         "trusted": other.pareto_k < TRUSTED,
         "evidence": f"{fixed(other.log_evidence, 2)} ± {fixed(other.standard_error, 2)}".replace("-", "\N{MINUS SIGN}"),
     }

@@ -29,19 +29,22 @@ __all__ = ["Axes", "html", "plot_diagnosis", "plot_fit", "plot_group", "text"]
 _FORMAT: dict[str, Any] = {"float_format": significant, "na_rep": "-"}
 
 
-def text(headline: str, tables: Sequence[pd.DataFrame]) -> str:
-    """A headline above tables, for a terminal."""
-    parts = [t.to_string(**_FORMAT) for t in tables]
-    return "\n\n".join([textwrap.fill(headline, 110), *parts])
+def text(headline: str, remarks: Sequence[str], tables: Sequence[pd.DataFrame], width: int = 110) -> str:
+    """A headline, remarks and tables, for a terminal of so many columns."""
+    said = [textwrap.fill(remark, width, initial_indent="- ", subsequent_indent="  ") for remark in remarks]
+    parts = ["\n".join(said)] if said else []
+    return "\n\n".join([textwrap.fill(headline, width), *parts, *(t.to_string(**_FORMAT) for t in tables)])
 
 
-def html(headline: str, tables: Sequence[pd.DataFrame]) -> str:
-    """A headline above tables, for a notebook; everything is escaped."""
+def html(headline: str, remarks: Sequence[str], tables: Sequence[pd.DataFrame]) -> str:
+    """A headline, remarks and tables, for a notebook; everything is escaped."""
     import pandas as pd
 
     with pd.option_context("display.max_colwidth", None):
         parts = [Markup(t.to_html(**_FORMAT, border=0)) for t in tables]  # pandas escapes
-    return str(Markup("<p><strong>{}</strong></p>").format(headline) + Markup("").join(parts))
+    said = Markup("").join(Markup("<li>{}</li>").format(remark) for remark in remarks)
+    listed = Markup("<ul>{}</ul>").format(said) if said else Markup("")
+    return str(Markup("<p><strong>{}</strong></p>").format(headline) + listed + Markup("").join(parts))
 
 
 def _axes(ax: Axes | None) -> Axes:

@@ -108,7 +108,7 @@ def test_the_readme_s_python_runs_and_prints(fitted: Path, monkeypatch, capsys) 
     monkeypatch.setattr(api, "diagnose", lambda *a, **k: make_record(make_experiment()))
     exec(text.split("```python\n")[1].split("```")[0], {})
     said = capsys.readouterr().out
-    assert "k_c " in said and "holdout" in said and "ambiguous (hysteresis)" in said
+    assert "k_c " in said and "holdout" in said and "verdict: ambiguous: hysteresis" in said
 
 
 @pytest.mark.slow

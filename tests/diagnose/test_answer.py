@@ -49,7 +49,7 @@ def test_a_statement_holds_the_numbers_that_its_sentence_says() -> None:
     (judged,), (named,) = of(record(), Judged), of(record(), Named)
     assert (judged.adequate, judged.p_value, judged.simulated) == ("no", 0.001, 999)
     assert (named.causes, named.probability) == (["hysteresis"], 0.61)
-    assert "hysteresis (probability 61 %); or gap + slew_limit; or preload." in named.say(PLAIN)
+    assert "hysteresis (probability 61 %); or gap + slew_limit (31 %); or preload." in named.say(PLAIN)
     one_by_one = [statement.say(PLAIN) for statement in answer(record())]
     assert one_by_one == sentences(record())
     assert not any(re.search(r"\b(nan|None)\b|  ", text) for text in one_by_one)
@@ -154,10 +154,11 @@ def test_what_is_held_back_by_what_is_plausible_alone_is_reported() -> None:
 def test_what_tied_sets_share_is_no_matter_of_the_tie() -> None:
     d = record()
     (named,) = of(d, Named)
-    assert "All of these sets" not in named.say(PLAIN)
+    assert "Every set" not in named.say(PLAIN)
     rivals = [Rival([*named.causes, id], 0.1, 6.1, False) for id in ("gap", "preload")]
     text = replace(named, alternatives=rivals).say(PLAIN)
-    assert "between 3 sets" in text and f" All of these sets hold {' + '.join(named.causes)}." in text
+    assert text.startswith(f"Every set that comes near holds {' + '.join(named.causes)}. ")
+    assert "between 3 sets" in text and text.count("(10 %)") == 2
 
 
 def test_no_set_is_as_good_as_one_that_explains_nothing() -> None:
@@ -312,14 +313,14 @@ def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, reported: str
             "adequate",
             [],
             "The most that these readings leave to a further cause: preload changes a reading by up to 7.5 %"
-            " (95 % limit), added to the baseline and refitted. Of 3 causes 1 could be bounded, not gap and"
+            " (95 % limit), added to the baseline and refitted. Of 3 causes, 1 could be bounded, not gap and"
             " swing_drag.",
         ),
         (
             "explained",
             ["gap"],
             "The most that these readings leave to a further cause: preload changes a reading by up to 7.5 %"
-            " (95 % limit), added to gap and refitted. Of 2 causes 1 could be bounded, not swing_drag.",
+            " (95 % limit), added to gap and refitted. Of 2 other causes, 1 could be bounded, not swing_drag.",
         ),
         ("unexplained", [], None),
     ],
@@ -346,7 +347,9 @@ def test_what_may_be_at_work_as_well_is_said_with_what_it_would_change() -> None
     assert said.startswith(
         "Perhaps at work, but too weak to count by itself: amplifier_lag, with amplifier_lag_tau = 3.2e"
     )
-    assert "1.3 times as probable as the baseline alone. With it, k_c = 2 (1 to 3) N/m, not" in said
+    assert "1.3 times more probable than the baseline alone. With it, k_c = 2 (1 to 3) N/m, not" in said
+    less = replace(weak, counted=replace(counted, odds=0.14)).say(PLAIN)
+    assert "7.1 times less probable than the baseline alone." in less
     assert "With it" not in replace(weak, counted=replace(counted, moved={})).say(PLAIN)
     assert not of(replace(adequate, verdict="unexplained", named=["gap"]), TooWeak), "a wrong model says nothing of it"
 

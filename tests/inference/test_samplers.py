@@ -34,7 +34,7 @@ class Settings(SamplerSettings):
     size: int = 40
 
 class Prior:
-    about, libraries = "draws of the prior", ()
+    about, libraries, chained, checked = "draws of the prior", (), False, True
     def settings(self, problem):
         return Settings()
     def draw(self, target, settings, progress):

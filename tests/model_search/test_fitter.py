@@ -152,8 +152,8 @@ def test_what_was_fitted_is_kept(hidden: ModelSet, tmp_path: Path, monkeypatch: 
     one = hidden.baseline.problem
     news: list[str] = []
     asked: Any = {"seed": 1, "settings": CHEAP}
-    first = search_models(one, FEW[:1], **asked, memory=Memory(tmp_path), progress=lambda what, *_: news.append(what))
-    assert all(any(work in what for what in news) for work in ("1 of 1 short fits", "samples of the baseline"))
+    first = search_models(one, FEW[:1], **asked, memory=Memory(tmp_path), progress=news.append)
+    assert all(any(work in what for what in news) for work in ("1 of 1 short fits", "the baseline sampled"))
     with monkeypatch.context() as patch:
         patch.delattr(fitting, "fit")
         patch.delattr(fitting, "joined")

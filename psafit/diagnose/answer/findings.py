@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -206,8 +206,6 @@ class Named(Statement):
         what = words.causes(self.causes)
         if self.probability is not None:
             what = words.put("{} (probability {})", what, words.per_cent(self.probability))
-        tied = [r.causes for r in self.alternatives if not r.by_likelihood]
-        near = [words.instead(self.causes, causes) for causes in tied]
         unnamed = words.put(" A discrepancy without a name keeps {} of the probability.", words.per_cent(self.unnamed))
         rest = unnamed if self.unnamed >= WORTH_SAYING else ""
         other = self.looked_at.no_other("set of these causes" if self.restricted else "set")
@@ -222,14 +220,16 @@ class Named(Statement):
             return words.put(how + " shape of what is missing, and perhaps not the mechanism.{}", what, other, rest)
         if self.verdict == "ambiguous":
             likely, no = self._by_likelihood(words), ""
+            tied = [r for r in self.alternatives if not r.by_likelihood]
             if self.left:
                 no = words.put(f" {{}} is no explanation: {_NONE[self.left]}.", words.causes(self.causes))
-            if not near:
+            if not tied:
                 return words.put("{} is most probable, but only by its priors.{}{}{}", what, likely, no, rest)
-            held = [id for id in self.causes if all(id in causes for causes in tied)]
-            sure = words.put(" All of these sets hold {}.", words.causes(held)) if held else ""
-            how = "These readings cannot decide between {} sets of causes: {}; or {}.{}{}{}{}"
-            return words.put(how, len(near) + 1, what, words.joined("; or ", _first(near)), sure, likely, no, rest)
+            held = [id for id in self.causes if all(id in r.causes for r in tied)]
+            sure = words.put("Every set that comes near holds {}. ", words.causes(held)) if held else ""
+            how = "{}These readings cannot decide between {} sets of causes: {}; or {}.{}{}{}"
+            rivals = words.joined("; or ", _first(self._in_words(tied, words)))
+            return words.put(how, sure, len(tied) + 1, what, rivals, likely, no, rest)
         if not self.causes:
             looked = "that was looked at" if self.restricted else "of the catalogue"
             how = "No cause {} stands out that would explain what these readings show.{}"
@@ -238,12 +238,7 @@ class Named(Statement):
         odd = ""
         if self.objection:
             odd = f"{_P_VALUE[self.objection]} {words.number(p_text(self.p_after, self.floor))}; "
-        others = [
-            words.instead(self.causes, r.causes)
-            if r.probability is None
-            else words.put("{} ({})", words.instead(self.causes, r.causes), words.share(r.probability))
-            for r in self.alternatives
-        ]
+        others = self._in_words(self.alternatives, words)
         also = words.put(" Next best: {}.", words.joined("; ", _first(others))) if others else ""
         sharper = ""
         if self.objection == "tests" and not self.rejected:
@@ -252,6 +247,15 @@ class Named(Statement):
             "The best extension is {}, but {} ({}probability of a discrepancy {}).{}{}",
             what, why, odd, words.per_cent(self.unnamed), sharper, also,
         )  # fmt: skip
+
+    def _in_words(self, rivals: Sequence[Rival], words: Words) -> list[str]:
+        """Other sets, each by its difference from what is named, with its probability."""
+        return [
+            words.instead(self.causes, r.causes)
+            if r.probability is None
+            else words.put("{} ({})", words.instead(self.causes, r.causes), words.share(r.probability))
+            for r in rivals
+        ]
 
     def _by_likelihood(self, words: Words) -> str:
         """What fits as well, and by how much it is less probable."""
@@ -439,10 +443,11 @@ class TooWeak(Statement):
         c = self.counted
         more = [id for id in c.terms if id not in self.adopted]
         text = words.put(
-            "Perhaps at work, but too weak to count by itself: {}, with {}. {} times as probable as {} alone.",
+            "Perhaps at work, but too weak to count by itself: {}, with {}. {} times {} probable than {} alone.",
             words.listed(map(words.cause, more)),
             words.listed(sized(words, name, p) for name, p in c.parameters.items()),
-            words.number(significant(c.odds, 2)), words.causes(self.adopted),
+            words.number(significant(max(c.odds, 1 / c.odds), 2)), "more" if c.odds >= 1 else "less",
+            words.causes(self.adopted),
         )  # fmt: skip
         if not c.moved:
             return text
@@ -510,9 +515,9 @@ class Room(Statement):
         free = words.listed(map(words.cause, self.unbounded))
         return words.put(
             "The most that these readings leave to a further cause: {} changes a reading{} by up to {} (95 % limit),"
-            " added to {} and refitted. Of {} causes {} could be bounded{}.",
+            " added to {} and refitted. Of {} {}, {} could be bounded{}.",
             words.cause(self.cause), words.put(" ({})", where) if where else "",
             words.fraction(max(self.share, self.least)), words.causes(self.adopted), self.of,
-            self.of - len(self.unbounded),
+            "other causes" if self.adopted else "causes", self.of - len(self.unbounded),
             words.put(", not {}", free) if 0 < len(self.unbounded) <= self.few else "",
         )  # fmt: skip

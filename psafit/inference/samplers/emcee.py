@@ -276,6 +276,7 @@ class Emcee:
 
     about = "emcee: strides through the emulated posterior, independent draws, differential evolution"
     libraries = ("emcee",)
+    chained = checked = True
 
     def settings(self, problem: Problem) -> Settings:
         """Its settings for a problem."""

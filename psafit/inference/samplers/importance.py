@@ -35,6 +35,7 @@ class Importance:
 
     about = "importance sampling from an emulated posterior"
     libraries = ()
+    chained = checked = False
 
     def settings(self, problem: Problem) -> Settings:
         """Its settings for a problem."""

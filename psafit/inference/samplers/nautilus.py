@@ -158,6 +158,7 @@ class Nautilus:
 
     about = "nautilus: importance nested sampling"
     libraries = ("nautilus-sampler",)
+    chained, checked = False, True
 
     def settings(self, problem: Problem) -> Settings:
         """Its settings for a problem."""
