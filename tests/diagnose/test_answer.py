@@ -267,14 +267,16 @@ def test_how_often_chance_finds_as_much() -> None:
         return ByChance(replace(Significance(9.2, [-1.0, 2.4], 1 / 3), **options)).say(PLAIN)
 
     assert said() == (
-        "None of 2 searches on simulated baselines found causes that lead the baseline by as much: 2.4 nats at most,"
-        " against 9 here (p <= 0.33, the least that 2 can show)."
+        "None of 2 searches on simulated baselines found causes that lead the baseline by as much: 2.4 nats of evidence"
+        " at most, against 9 here (p <= 0.33, the least that 2 can show)."
     )
     assert "lead the baseline by as much: none put a cause first, against 9 here" in said(null=[-1.0, -2.4])
-    where = "with nothing hidden (stored table, this catalogue, designs of 56 to 150 readings, no more than here)"
-    assert f"None of 2 searches {where} found causes that lead" in said(stored=True, readings=[56, 150])
+    where = "with nothing hidden (stored table, this catalogue, designs of 56 to 150 readings; with more, chance leads"
+    assert f"None of 2 searches {where} less) found causes that lead" in said(stored=True, readings=[56, 150])
     beaten = said(lead=2.0, p_value=2 / 3)
-    assert beaten.startswith("1 of 2 searches") and beaten.endswith("2.4 nats at most, against 2 here (p = 0.67).")
+    assert beaten.startswith("1 of 2 searches") and beaten.endswith(
+        "2.4 nats of evidence at most, against 2 here (p = 0.67)."
+    )
     unknown = said(null=[], p_value=None, stored=True, missing="catalogue")
     assert "is not known: the stored searches are of another catalogue (--searches 19" in unknown
 
