@@ -90,8 +90,8 @@ class ByChance(Statement):
         if s.stored:
             sizes = " to ".join(map(str, s.readings))
             where = (
-                f"with nothing hidden (stored table, this catalogue, designs of {sizes} readings; with more, chance leads"
-                " less)"
+                f"with nothing hidden (stored table, this catalogue, designs of {sizes} readings;"
+                " with more, chance leads less)"
             )
         p = f"p {'=' if as_much else '<='} {significant(s.p_value, 2)}"
         if not as_much:
