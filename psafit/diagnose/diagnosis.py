@@ -60,6 +60,11 @@ from psafit.records import SCHEMA, Broken, ImportanceSummary, write_json
 from psafit.validate import predictive, tables_at, validate, write_predictions
 from psafit.workers import cores, precompute, reach
 
+_HOW_LONG = (
+    "a search ends when no other set of causes comes near: as a rule after half a minute where nothing is wrong, one to"
+    " five minutes for one or two causes, half an hour or more for many"
+)
+
 
 def diagnose(
     experiment: Experiment,
@@ -221,10 +226,7 @@ class Work:
         """Every stage in turn, and the record."""
         experiment = self.experiment
         with self._stage("causes"):
-            logging.getLogger(__name__).info(
-                "a search ends when no other set of causes comes near: as a rule after half a minute where nothing is"
-                " wrong, one to five minutes for one or two causes, half an hour or more for many"
-            )
+            logging.getLogger(__name__).info(_HOW_LONG)
             model_set = self.search(experiment.ids)
         best_model = model_set.best_model
         with self._stage("tests"):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import shutil
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from psafit.diagnose.record import MARKER, PAGE, PREDICTIONS, PREVIOUS, RESULT, Diagnosis
 from psafit.diagnose.significance import NULL_LEADS
@@ -16,6 +17,8 @@ from psafit.inference.memory import code
 from psafit.inference.problem import Problem
 from psafit.inference.run_folder import load, versions
 from psafit.records import read_content, read_json
+
+T = TypeVar("T")
 
 
 def identity_of(everything: Problem, asked: list[Any]) -> str:
@@ -53,13 +56,10 @@ def claim(folder: Path, experiment: Experiment) -> None:
 
 def _is_fit_of(experiment: Experiment, folder: Path) -> bool:
     """Whether a folder holds a fit of the same readings, with which a diagnosis may share it."""
-    try:
-        fitted = load(folder).problem.experiment
-    except Refused:
-        raise
-    except InputError:
+    if (run := _readable(lambda: load(folder))) is None:
         return False
-    return all(getattr(fitted, name) == getattr(experiment, name) for name in ("fingerprint", "title", "beliefs"))
+    of = run.problem.experiment
+    return all(getattr(of, name) == getattr(experiment, name) for name in ("fingerprint", "title", "beliefs"))
 
 
 def set_aside(folder: Path) -> None:
@@ -89,24 +89,24 @@ def set_aside(folder: Path) -> None:
 
 def _record(folder: Path) -> dict[str, Any]:
     """What a folder holds of an answer, of any version; nothing where nobody can use it."""
-    if not (folder / RESULT).is_file():
-        return {}
+    held = _readable(lambda: read_content(folder / RESULT)) if (folder / RESULT).is_file() else None
+    return held if isinstance(held, dict) else {}
+
+
+def _readable(read: Callable[[], T]) -> T | None:
+    """What `read` gives; None where nothing can be made of it. What may not be opened is refused all the same."""
     try:
-        held = read_content(folder / RESULT)
+        return read()
     except Refused:
         raise
     except InputError:
-        return {}
-    return held if isinstance(held, dict) else {}
+        return None
 
 
 def held_in(folder: Path, identity: str) -> Diagnosis | None:
     """What the same command has found before, unless some of it is gone."""
-    try:
-        held = read_json(folder / RESULT, Diagnosis, sealed=True)
-    except Refused:
-        raise
-    except InputError:
+    held = _readable(lambda: read_json(folder / RESULT, Diagnosis, sealed=True))
+    if held is None:
         return None
     parts = [held.predictions, *(gain.predictions for gain in held.gain.values())]
     parts += [run.folder for run in held.extension.values()]
