@@ -333,9 +333,7 @@ def test_no_address_of_this_machine(pattern: str, specimen: str) -> None:
 def test_every_stage_of_long_work_has_a_title() -> None:
     from psafit.progress import TITLES
 
-    said = {
-        name for path in PACKAGE.rglob("*.py") for name in re.findall(r'\._?stage\(f?"([^"]+)"\)', path.read_text())
-    }
+    said = {name for path in PACKAGE.rglob("*.py") for name in re.findall(r'\._?stage\(f?"([^"]+)"', path.read_text())}
     # The gain's stages are named by their protocols.
     assert {"search", "causes", "significance", "nautilus", "{protocol} gain"} <= said
     assert said - {"{protocol} gain"} | {"strict gain", "nested gain"} <= set(TITLES)

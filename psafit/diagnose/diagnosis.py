@@ -225,8 +225,7 @@ class Work:
     def all(self, quick: bool, repeats: int, nautilus: bool, identity: str, drawn: int = 0) -> Diagnosis:
         """Every stage in turn, and the record."""
         experiment = self.experiment
-        with self._stage("causes"):
-            logging.getLogger(__name__).info(_HOW_LONG)
+        with self._stage("causes", _HOW_LONG):
             model_set = self.search(experiment.ids)
         best_model = model_set.best_model
         with self._stage("tests"):
@@ -343,8 +342,10 @@ class Work:
         self.seconds[name] = round(time.monotonic() - began, 3)
 
     @contextmanager
-    def _stage(self, name: str) -> Iterator[None]:
+    def _stage(self, name: str, remark: str = "") -> Iterator[None]:
         self.watcher.stage(name)
+        if remark:
+            logging.getLogger(__name__).info(remark)
         with self._timed(name):
             yield
 
