@@ -111,9 +111,6 @@ def _off_scale(experiment: Experiment, moving: tuple[Group, ...], observable: Ob
         found = [_undriven(g, nearly_all) for g, rests in zip(moving, still, strict=True) if rests]
         return found + (_off_scale(experiment, driven, observable) if driven else [])
     size = np.abs(np.concatenate([g.reading for g in groups]))
-    usual = np.quantile(np.median(predicted, axis=1), [0.05, 0.95])
-    own, lower, upper = (significant(x, 2) for x in (float(np.median(size)), *map(float, usual)))
-    middles = f"median {own} {observable.unit}, theirs {lower} to {upper} {observable.unit}"
     ratio = np.log(size) - np.log(np.maximum(predicted, 1e-12))
     of_group = np.array([np.median(ratio[:, mine], axis=1) for mine in rows])
     middle = of_group[::-1] if len(moving) == 2 else np.broadcast_to(np.median(of_group, axis=0), of_group.shape)
@@ -121,11 +118,14 @@ def _off_scale(experiment: Experiment, moving: tuple[Group, ...], observable: Ob
     found = []
     for way, sign in (("below", -1), ("above", 1)):
         asked = observable.asked(large=sign > 0)
+        nearest = np.quantile(np.median(predicted, axis=1), nearly_all if sign > 0 else 1.0 - nearly_all)
+        own, least = (f"{significant(float(x), 2)} {observable.unit}" for x in (np.median(size), nearest))
         alone = np.mean(sign * of_group > 0, axis=1) > nearly_all
         if alone.all():
+            ends = "most" if sign > 0 else "least"
             found.append(
-                f"{read} lie {way} those of {100 * nearly_all:.0f} % of the rigs that the prior holds ({middles});"
-                f" are they {asked}, are columns swapped, or is a constant wrong?"
+                f"{read} lie {way} those of {100 * nearly_all:.0f} % of the rigs that the prior holds (median {own},"
+                f" theirs at {ends} {least}); are they {asked}, are columns swapped, or is a constant wrong?"
             )
             continue
         for group, apart, odd in zip(moving, off, alone, strict=True):

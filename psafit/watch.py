@@ -197,9 +197,11 @@ def _written(path: Path) -> float | None:
 
 
 def _ended(record: Fit, summary: PosteriorSummary) -> State:
-    best = record.minima[0].log_posterior
-    return State(
-        "done" if summary.converged else "gave up",
+    state = State("done" if summary.converged else "gave up", best_minimum=record.minima[0].log_posterior)
+    if not sampler(record.sampled_by).chained:
+        return state
+    return replace(
+        state,
         steps=summary.n_steps,
         walkers=summary.n_walkers,
         acceptance=summary.acceptance,
@@ -208,7 +210,6 @@ def _ended(record: Fit, summary: PosteriorSummary) -> State:
         wanted_times=_goal(record, "autocorrelation_times"),
         r_hat=max(p.r_hat for p in summary.parameters),
         wanted_r_hat=_goal(record, "r_hat"),
-        best_minimum=best,
     )
 
 

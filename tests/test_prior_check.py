@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -29,15 +30,17 @@ def test_the_study_has_the_scale_of_its_rigs() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "words"),
+    ("factor", "ends", "words"),
     [
-        (1e-3, "given in mm or m, or as speeds in mm/s"),
-        (1e3, "in um and taken for mm, 1000 times too large, or given in nm, are"),
+        (1e-3, "median 0.017 um, theirs at least", "given in mm or m, or as speeds in mm/s"),
+        (1e3, "median 17000 um, theirs at most", "in um and taken for mm, 1000 times too large, or given in nm, are"),
     ],
 )
-def test_all_readings_in_another_unit(factor: float, words: str) -> None:
+def test_all_readings_in_another_unit(factor: float, ends: str, words: str) -> None:
     (warning,) = with_scale(scaled(STUDY, factor)).warnings
-    assert "98 % of the rigs that the prior holds" in warning and words in warning
+    assert f"98 % of the rigs that the prior holds ({ends} " in warning and words in warning
+    median, limit = map(float, re.findall(r"([\d.]+) um[,)]", warning))
+    assert (median < limit) == (factor < 1)
 
 
 def test_swapped_columns_may_be_the_cause() -> None:

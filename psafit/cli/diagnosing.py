@@ -161,7 +161,7 @@ def diagnose(
 
             page = write_diagnosis(result, data, folder)
     if not quiet:
-        _say_after(result, folder, page)
+        _say_after(result, experiment, folder, page)
     return DONE if result.numerics.converged else CHECK_FAILED
 
 
@@ -209,12 +209,12 @@ def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: in
             click.echo(f"  posterior of {' + '.join(run.terms)}: {run.message}")
 
 
-def _say_after(result: Diagnosis, folder: Path, page: Path | None) -> None:
+def _say_after(result: Diagnosis, experiment: Path, folder: Path, page: Path | None) -> None:
     """Print where the page is, if there is one, and how the proposed measurement becomes a folder for its readings."""
     if page is not None:
         click.echo(f"report: {shown_path(page)}")
     if result.next_experiment.recommended:
-        plan = ["psafit", "plan", folder, "--out", f"{folder.name.removesuffix('-diagnosis')}-next", *plugin_words()]
+        plan = ["psafit", "plan", folder, "--out", f"{experiment.resolve().name}-next", *plugin_words()]
         click.echo(f"what to measure next, as a folder: {shlex.join(shown_path(str(word)) for word in plan)}")
 
 

@@ -225,7 +225,7 @@ class Work:
     def all(self, quick: bool, repeats: int, nautilus: bool, identity: str, drawn: int = 0) -> Diagnosis:
         """Every stage in turn, and the record."""
         experiment = self.experiment
-        with self._stage("causes", _HOW_LONG):
+        with self._stage("causes", "" if self.drawing else _HOW_LONG):
             model_set = self.search(experiment.ids)
         best_model = model_set.best_model
         with self._stage("tests"):
@@ -345,7 +345,7 @@ class Work:
     def _stage(self, name: str, remark: str = "") -> Iterator[None]:
         self.watcher.stage(name)
         if remark:
-            logging.getLogger(__name__).info(remark)
+            logging.getLogger(__name__).info("%s", remark)
         with self._timed(name):
             yield
 

@@ -18,7 +18,7 @@ from psafit.inference.problem import Problem
 from psafit.inference.run_folder import load, versions
 from psafit.records import read_content, read_json
 
-T = TypeVar("T")
+_Held = TypeVar("_Held")
 
 
 def identity_of(everything: Problem, asked: list[Any]) -> str:
@@ -93,7 +93,7 @@ def _record(folder: Path) -> dict[str, Any]:
     return held if isinstance(held, dict) else {}
 
 
-def _readable(read: Callable[[], T]) -> T | None:
+def _readable(read: Callable[[], _Held]) -> _Held | None:
     """What `read` gives; None where nothing can be made of it. What may not be opened is refused all the same."""
     try:
         return read()

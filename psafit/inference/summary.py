@@ -71,7 +71,9 @@ def summarise(
     message = f"{math.floor(reached)} autocorrelation times, R-hat at most {mixed}"
     if not sampler(record.sampled_by).chained:
         message = f"{chain.draws.shape[0] * kept} independent draws"
-    if not chain.converged:
+        if not chain.converged:
+            message = f"not converged ({message}): repeat the command to draw on, or take another --sampler"
+    elif not chain.converged:
         wanted = "".join(
             f"; {words} {record.sampler[name]:g} wanted"
             for name, words in (("autocorrelation_times", "of the first"), ("r_hat", "R-hat"))

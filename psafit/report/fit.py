@@ -129,7 +129,7 @@ def write_report(
         "corners": fit_pictures.corner_pictures(run, marginals),
         "health": _health(run),
         "importance": _importance(run),
-        "traces": fit_pictures.trace_pictures(run, marginals),
+        "traces": fit_pictures.trace_pictures(run, marginals) if sampler(run.fit.sampled_by).chained else [],
         "priors": _prior_rows(run),
         "lmfit_report": run.fit.lmfit_report,
         "numerics": numerics_content(numerics),
@@ -448,22 +448,22 @@ def _score_row(shown: Shown) -> list[Any]:
 def _health(run: Run) -> list[list[Any]]:
     s = run.summary
     verdict = {"text": "converged" if s.converged else "not converged", "kind": "good" if s.converged else "bad"}
-    used = sampler(run.fit.sampled_by)
-    chains = [["Sampler", run.fit.sampled_by, used.about]]
+    used, kept = sampler(run.fit.sampled_by), f"{run.draws.values.shape[0] * run.draws.values.shape[1]} draws"
+    rows = [["Sampler", run.fit.sampled_by, used.about], ["Kept", kept, ""]]
     if used.chained:
-        chains = [
+        rows = [
             ["Chains", str(s.n_walkers), used.about],
             ["Steps of each", f"{s.n_steps}", f"of which {s.burn_in} burn-in"],
             ["Acceptance", percent(s.acceptance), "proposals accepted; above 20 % is healthy"],
-            ["Length after burn-in", f"{s.autocorrelation_times:.0f}", "autocorrelation times of the slowest one"],
-        ]
+            ["Length after burn-in", f"{s.autocorrelation_times:.0f}",
+             "autocorrelation times of the slowest parameter"],
+            ["Kept", kept, f"one step in {s.thinning}" if s.thinning > 1 else "every step"],
+            ["Largest R-hat", f"{max(p.r_hat for p in s.parameters):.4f}",
+             "rank-normalised split R-hat over ensembles of different seeds; 1 is mixed"],
+        ]  # fmt: skip
     return [
         ["Verdict", verdict, s.message],
-        *chains,
-        ["Kept", f"{run.draws.values.shape[0] * run.draws.values.shape[1]} draws", f"one step in {s.thinning}"
-         if s.thinning > 1 else "every step"],
-        ["Largest R-hat", f"{max(p.r_hat for p in s.parameters):.4f}",
-         "rank-normalised split R-hat over ensembles of different seeds; 1 is mixed"],
+        *rows,
         ["Smallest effective sample", f"{min(min(p.ess_bulk, p.ess_tail) for p in s.parameters):.0f}",
          "independent draws that the worst estimate is worth"],
     ]  # fmt: skip
@@ -483,7 +483,7 @@ def _importance(run: Run) -> dict[str, Any]:
     words = compared(worst.name, worst.apart, other.by_chance, other.effective)
     checked = sampler(run.fit.sampled_by).checked
     return {
-        "text": typeset(words[0].upper() + words[1:]) + "." if checked else "These draws are the sampler’s own.",
+        "text": typeset(words[0].upper() + words[1:]) + "." if checked else "The values of this page are these draws.",
         "rows": rows if checked else [],
         "trusted": other.pareto_k < TRUSTED,
         "evidence": f"{fixed(other.log_evidence, 2)} ± {fixed(other.standard_error, 2)}".replace("-", "\N{MINUS SIGN}"),

@@ -26,14 +26,15 @@ if TYPE_CHECKING:
 
 __all__ = ["Axes", "html", "plot_diagnosis", "plot_fit", "plot_group", "text"]
 
+_WIDTH = 110  # columns of a terminal that are filled
 _FORMAT: dict[str, Any] = {"float_format": significant, "na_rep": "-"}
 
 
-def text(headline: str, remarks: Sequence[str], tables: Sequence[pd.DataFrame], width: int = 110) -> str:
-    """A headline, remarks and tables, for a terminal of so many columns."""
-    said = [textwrap.fill(remark, width, initial_indent="- ", subsequent_indent="  ") for remark in remarks]
+def text(headline: str, remarks: Sequence[str], tables: Sequence[pd.DataFrame]) -> str:
+    """A headline, remarks and tables, for a terminal."""
+    said = [textwrap.fill(remark, _WIDTH, initial_indent="- ", subsequent_indent="  ") for remark in remarks]
     parts = ["\n".join(said)] if said else []
-    return "\n\n".join([textwrap.fill(headline, width), *parts, *(t.to_string(**_FORMAT) for t in tables)])
+    return "\n\n".join([textwrap.fill(headline, _WIDTH), *parts, *(t.to_string(**_FORMAT) for t in tables)])
 
 
 def html(headline: str, remarks: Sequence[str], tables: Sequence[pd.DataFrame]) -> str:

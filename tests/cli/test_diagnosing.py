@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,6 +34,31 @@ def test_a_diagnosis_without_its_page_was_interrupted(known_folder, tmp_path, mo
     (out / "diagnosis.html").touch()
     assert run(monkeypatch, "diagnose", known_folder, "--out", out) == 2
     assert reported == [False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("options", "proposed", "printed"),
+    [
+        ([], True, ["report: ", "what to measure next, as a folder: "]),
+        (["--no-report"], True, ["what to measure next, as a folder: "]),
+        ([], False, ["report: "]),
+        (["--quiet"], True, []),
+    ],
+)
+def test_the_last_lines_say_where_to_go_on(known_folder, tmp_path, monkeypatch, capsys, options, proposed, printed):  # type: ignore[no-untyped-def]
+    from psafit.report import diagnosis as pages
+
+    record, out = make_record(make_experiment()), tmp_path / "an answer"
+    if not proposed:
+        record = replace(record, next_experiment=replace(record.next_experiment, proposals=[]))
+    monkeypatch.setattr(psafit.diagnose, "diagnose", lambda *args, **options: record)
+    monkeypatch.setattr(pages, "write_diagnosis", lambda *args: out / "diagnosis.html")
+    assert run(monkeypatch, "diagnose", known_folder, "--out", out, *options) == 0
+    heads = ("report: ", "what to measure next, as a folder: ")
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith(heads)]
+    assert [next(head for head in heads if line.startswith(head)) for line in lines] == printed
+    if heads[1] in printed:
+        assert shlex.split(lines[-1].removeprefix(heads[1])) == ["psafit", "plan", str(out), "--out", "known-next"]
 
 
 @pytest.mark.slow

@@ -154,11 +154,12 @@ def test_what_is_held_back_by_what_is_plausible_alone_is_reported() -> None:
 def test_what_tied_sets_share_is_no_matter_of_the_tie() -> None:
     d = record()
     (named,) = of(d, Named)
-    assert "Every set" not in named.say(PLAIN)
+    assert "all with" not in named.say(PLAIN)
     rivals = [Rival([*named.causes, id], 0.1, 6.1, False) for id in ("gap", "preload")]
     text = replace(named, alternatives=rivals).say(PLAIN)
-    assert text.startswith(f"Every set that comes near holds {' + '.join(named.causes)}. ")
-    assert "between 3 sets" in text and text.count("(10 %)") == 2
+    other = replace(named, alternatives=[*rivals, Rival(["slew_limit"], 0.01, 60.0, True)]).say(PLAIN)
+    assert ", all with" in other and "By likelihood alone, slew_limit fits as well" in other
+    assert f"between 3 sets of causes, all with {' + '.join(named.causes)}: " in text and text.count("(10 %)") == 2
 
 
 def test_no_set_is_as_good_as_one_that_explains_nothing() -> None:
@@ -267,15 +268,17 @@ def test_how_often_chance_finds_as_much() -> None:
         return ByChance(replace(Significance(9.2, [-1.0, 2.4], 1 / 3), **options)).say(PLAIN)
 
     assert said() == (
-        "None of 2 searches on simulated baselines found causes that lead the baseline by as much: 2.4 nats of evidence"
-        " at most, against 9 here (p <= 0.33, the least that 2 can show)."
+        "None of 2 searches on simulated baselines found causes that lead the baseline by as much: 2.4 nats of log"
+        " posterior odds at most, against 9 here (p <= 0.33, the least that 2 can show)."
     )
     assert "lead the baseline by as much: none put a cause first, against 9 here" in said(null=[-1.0, -2.4])
-    where = "with nothing hidden (stored table, this catalogue, designs of 56 to 150 readings; with more, chance leads"
-    assert f"None of 2 searches {where} less) found causes that lead" in said(stored=True, readings=[56, 150])
+    where = "with nothing hidden (stored table, this catalogue, designs of 56 to 150 readings, no more than here:"
+    assert f"None of 2 searches {where} with more, chance leads less) found causes that lead" in said(
+        stored=True, readings=[56, 150]
+    )
     beaten = said(lead=2.0, p_value=2 / 3)
     assert beaten.startswith("1 of 2 searches") and beaten.endswith(
-        "2.4 nats of evidence at most, against 2 here (p = 0.67)."
+        "2.4 nats of log posterior odds at most, against 2 here (p = 0.67)."
     )
     unknown = said(null=[], p_value=None, stored=True, missing="catalogue")
     assert "is not known: the stored searches are of another catalogue (--searches 19" in unknown
@@ -349,7 +352,7 @@ def test_what_may_be_at_work_as_well_is_said_with_what_it_would_change() -> None
     assert said.startswith(
         "Perhaps at work, but too weak to count by itself: amplifier_lag, with amplifier_lag_tau = 3.2e"
     )
-    assert "1.3 times more probable than the baseline alone. With it, k_c = 2 (1 to 3) N/m, not" in said
+    assert "1.3 times as probable as the baseline alone. With it, k_c = 2 (1 to 3) N/m, not" in said
     less = replace(weak, counted=replace(counted, odds=0.14)).say(PLAIN)
     assert "7.1 times less probable than the baseline alone." in less
     assert "With it" not in replace(weak, counted=replace(counted, moved={})).say(PLAIN)

@@ -22,11 +22,13 @@ from psafit.inference.run_folder import load
 from psafit.inference.sample import SampleSettings, sample
 from psafit.inference.samplers import sampler
 from psafit.inference.sampling import Progress, Target
+from psafit.report.fit import _health
 
 OWN = '''
 """The prior and nothing else: a sampler for a test."""
 from dataclasses import dataclass
 import numpy as np
+from psafit.report.fit import _health
 from psafit.inference.sampling import Chain, Progress, SamplerSettings
 
 @dataclass(frozen=True)
@@ -71,9 +73,13 @@ def test_a_sampler_is_one_file(known: Experiment, tmp_path: Path, monkeypatch: p
         run = fit(known, [1], tmp_path / "run", n_starts=2, sampled_by="prior")
         assert run.fit.sampled_by == "prior" and run.fit.sampler == {"size": 40}
         assert run.draws.values.shape == (2, 40, 6) and run.summary.converged
+        assert run.summary.message == "80 independent draws"
         assert np.array_equal(load(tmp_path / "run").draws.values, run.draws.values)
         state = watch.look(tmp_path / "run")
         assert isinstance(state, watch.State) and (state.stage, state.wanted_r_hat) == ("done", None)
+        assert (state.steps, state.walkers, state.r_hat) == (None, None, None), "independent draws have none"
+        health = {row[0] for row in _health(run)}
+        assert {"Sampler", "Kept"} < health and health.isdisjoint({"Chains", "Acceptance", "Largest R-hat"})
         (tmp_path / "run" / "posterior.json").unlink()
         state = watch.look(tmp_path / "run")
         assert isinstance(state, watch.State) and (state.stage, state.steps, state.r_hat) == ("profile", 7, None)

@@ -17,7 +17,7 @@ from psafit.experiment import GroupId
 from psafit.model_search.model_set import CREDIBLE, LookedAt
 from psafit.physics import owner
 from psafit.records import Broken, Objection
-from psafit.text import p_text, significant
+from psafit.text import count, p_text, significant
 
 WORTH_SAYING = 0.05
 """Probability of a discrepancy without a name, or of another set, from which on it is worth a sentence."""
@@ -226,10 +226,10 @@ class Named(Statement):
             if not tied:
                 return words.put("{} is most probable, but only by its priors.{}{}{}", what, likely, no, rest)
             held = [id for id in self.causes if all(id in r.causes for r in tied)]
-            sure = words.put("Every set that comes near holds {}. ", words.causes(held)) if held else ""
-            how = "{}These readings cannot decide between {} sets of causes: {}; or {}.{}{}{}"
+            sure = words.put(", all with {}", words.causes(held)) if held else ""
+            how = "These readings cannot decide between {} sets of causes{}: {}; or {}.{}{}{}"
             rivals = words.joined("; or ", _first(self._in_words(tied, words)))
-            return words.put(how, sure, len(tied) + 1, what, rivals, likely, no, rest)
+            return words.put(how, len(tied) + 1, sure, what, rivals, likely, no, rest)
         if not self.causes:
             looked = "that was looked at" if self.restricted else "of the catalogue"
             how = "No cause {} stands out that would explain what these readings show.{}"
@@ -443,10 +443,11 @@ class TooWeak(Statement):
         c = self.counted
         more = [id for id in c.terms if id not in self.adopted]
         text = words.put(
-            "Perhaps at work, but too weak to count by itself: {}, with {}. {} times {} probable than {} alone.",
+            "Perhaps at work, but too weak to count by itself: {}, with {}. {} times {} {} alone.",
             words.listed(map(words.cause, more)),
             words.listed(sized(words, name, p) for name, p in c.parameters.items()),
-            words.number(significant(max(c.odds, 1 / c.odds), 2)), "more" if c.odds >= 1 else "less",
+            words.number(significant(max(c.odds, 1 / c.odds), 2)),
+            "as probable as" if c.odds >= 1 else "less probable than",
             words.causes(self.adopted),
         )  # fmt: skip
         if not c.moved:
@@ -515,9 +516,9 @@ class Room(Statement):
         free = words.listed(map(words.cause, self.unbounded))
         return words.put(
             "The most that these readings leave to a further cause: {} changes a reading{} by up to {} (95 % limit),"
-            " added to {} and refitted. Of {} {}, {} could be bounded{}.",
+            " added to {} and refitted. Of {}, {} could be bounded{}.",
             words.cause(self.cause), words.put(" ({})", where) if where else "",
-            words.fraction(max(self.share, self.least)), words.causes(self.adopted), self.of,
-            "other causes" if self.adopted else "causes", self.of - len(self.unbounded),
+            words.fraction(max(self.share, self.least)), words.causes(self.adopted),
+            count(self.of, "other cause" if self.adopted else "cause"), self.of - len(self.unbounded),
             words.put(", not {}", free) if 0 < len(self.unbounded) <= self.few else "",
         )  # fmt: skip

@@ -84,13 +84,13 @@ class ByChance(Statement):
             )
         n, most = len(s.null), max(s.null)
         as_much = sum(lead >= s.lead for lead in s.null)
-        highest = f"{fixed(math.ceil(10 * most) / 10, 1)} nats of evidence at most"
+        highest = f"{fixed(math.ceil(10 * most) / 10, 1)} nats of log posterior odds at most"
         most_text = highest if most > 0 else "none put a cause first"
         where = "on simulated baselines"
         if s.stored:
             sizes = " to ".join(map(str, s.readings))
             where = (
-                f"with nothing hidden (stored table, this catalogue, designs of {sizes} readings;"
+                f"with nothing hidden (stored table, this catalogue, designs of {sizes} readings, no more than here:"
                 " with more, chance leads less)"
             )
         p = f"p {'=' if as_much else '<='} {significant(s.p_value, 2)}"

@@ -149,8 +149,9 @@ def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Cu
     measured, x = readings_of(group), sweep.values
     bottom, top, log = _view(group, curves)
     single = len(np.unique(x)) == 1
-    # Where nothing varies steadily, each reading has a piece of its own: a slope between two would say something.
-    apart = sweep.variable == "order"
+    # Where nothing varies steadily, each reading has a piece of its own: a slope between two would suggest a trend.
+    steps = sweep.variable == "order"
+    between: Any = "mid" if steps else None
     for place, curve in enumerate(curves):
         color = PALETTE[curve.color]
         for band in curve.bands:
@@ -160,8 +161,7 @@ def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Cu
                 continue
             at, floor, ceiling = band_of(curve, band, x)
             floor, ceiling = np.maximum(floor, bottom), np.maximum(ceiling, bottom)
-            step: Any = "mid" if apart else None
-            axes.fill_between(at, floor, ceiling, step=step, color=color, alpha=alpha, linewidth=0.0, zorder=1)
+            axes.fill_between(at, floor, ceiling, step=between, color=color, alpha=alpha, linewidth=0.0, zorder=1)
         if single:
             axes.plot(x, curve.middle, "_", ms=11, mew=2, color=color, zorder=2)
             continue
@@ -173,7 +173,7 @@ def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Cu
             if none.size:
                 axes.plot(none, np.full(none.size, bottom), "v", ms=3.0 if small else 4.5, clip_on=False, **look)
             line = np.where(line > 0, line, np.nan)
-        drawn = "steps-mid" if apart else "default"
+        drawn = "steps-mid" if steps else "default"
         axes.plot(at, line, lw=1.6, ls=DASHES if curve.dashed else "-", drawstyle=drawn, **look)
         if not measured.size:  # where a plan will read
             axes.plot(x, np.where(curve.middle > 0, curve.middle, np.nan) if log else curve.middle, ".", ms=5, **look)

@@ -152,7 +152,8 @@ def residual_figure(
             axes.plot(other.values[order], values[order], color=PALETTE["grey"], lw=0.7, alpha=0.55, zorder=1.5)
         axes.axhline(0.0, color=PALETTE["ink"], lw=0.9, zorder=2)
         order = np.argsort(sweep.values, kind="stable")
-        axes.plot(sweep.values[order], error[order], color=color, lw=1.0, marker=ROLE_MARKER[p.role], ms=2.7, zorder=3)
+        line = 0.0 if sweep.variable == "order" else 1.0
+        axes.plot(sweep.values[order], error[order], color=color, lw=line, marker=ROLE_MARKER[p.role], ms=2.7, zorder=3)
         for beyond, mark, edge in ((error > view[1], "^", view[1]), (error < view[0], "v", view[0])):
             at = sweep.values[beyond]
             axes.plot(at, np.full(at.size, edge), mark, color=color, ms=5, clip_on=False, zorder=4)

@@ -102,19 +102,10 @@ def row_names(rows: Sequence[Row], room: int = 30) -> tuple[list[str], str]:
     shared = [p for p in parts[0] if all(p in one for one in parts)] if len(rows) > 1 else []
     names = []
     for row, own in zip(rows, parts, strict=True):
-        held = [p for p in own if p not in shared]
+        held = ", ".join(p for p in own if p not in shared)
         group = short(row.group)
-        names.append(f"{group}: {_leading(held, room - len(group) - 2)}" if held else group)
+        names.append(f"{group}: {short(held, room - len(group) - 2)}" if held else group)
     return names, ", ".join(shared)
-
-
-def _leading(parts: Sequence[str], room: int) -> str:
-    """As many of the parts as there is room for; the middle left out where not even the first fits."""
-    for n in range(len(parts), 0, -1):
-        text = ", ".join([*parts[:n], *["…"] * (n < len(parts))])
-        if len(text) <= room:
-            return text
-    return short(", ".join(parts), room)
 
 
 def summary_figure(rows: Sequence[Row], examples: Sequence[Example], legend: Sequence[Artist]) -> Figure:
