@@ -55,6 +55,8 @@ class ScaleSettings:
         Of more readings than this, every second, third or so is looked at.
     nearly_all : float
         Share of the rigs that must agree: of true rigs, drawn from the prior, one in fifty is warned of without need.
+    unit : float
+        What a wrong unit makes of a reading.
     factor : float
         Between groups, which neither waveform nor frequency explains for nearly any rig; half way to a wrong unit.
     """
@@ -62,6 +64,7 @@ class ScaleSettings:
     draws: int = 256
     readings: int = 2000
     nearly_all: float = 0.98
+    unit: float = 1000.0
     factor: float = 30.0
 
 
@@ -118,14 +121,16 @@ def _off_scale(experiment: Experiment, moving: tuple[Group, ...], observable: Ob
     found = []
     for way, sign in (("below", -1), ("above", 1)):
         asked = observable.asked(large=sign > 0)
-        nearest = np.quantile(np.median(predicted, axis=1), nearly_all if sign > 0 else 1.0 - nearly_all)
-        own, least = (f"{significant(float(x), 2)} {observable.unit}" for x in (np.median(size), nearest))
+        ends = np.quantile(np.median(predicted, axis=1), [1.0 - nearly_all, nearly_all])[::sign]
+        own, limit = (f"{significant(float(x), 2)} {observable.unit}" for x in (np.median(size), ends[1]))
         alone = np.mean(sign * of_group > 0, axis=1) > nearly_all
         if alone.all():
-            ends = "most" if sign > 0 else "least"
+            # In another unit, readings do not lie beyond all rigs on the other side.
+            other = sign * np.median(size) / settings.unit**sign >= sign * ends[0]
+            why = f"are they {asked}, are columns swapped, or is a constant" if other else "is a constant or a prior"
             found.append(
                 f"{read} lie {way} those of {100 * nearly_all:.0f} % of the rigs that the prior holds (median {own},"
-                f" theirs at {ends} {least}); are they {asked}, are columns swapped, or is a constant wrong?"
+                f" theirs at {'most' if sign > 0 else 'least'} {limit}); {why} wrong?"
             )
             continue
         for group, apart, odd in zip(moving, off, alone, strict=True):

@@ -448,20 +448,26 @@ Predicts = Literal["not tested", "yes", "not everywhere", "too sure", "too unsur
 """Whether a fit predicts the groups it has not seen."""
 
 
-def predicts(validation: Validation) -> Predicts:
-    """Whether a fit predicts what it has not seen: yes where errors, bands and trends of no group speak against it."""
+def predicts(validation: Validation) -> tuple[Predicts, list[GroupScore]]:
+    """Whether a fit predicts what it has not seen, and which groups speak against that, where it is not all of them.
+
+    It does where errors, bands and trends of no group speak against it.
+    """
     mean, unseen = validation.holdout_log_rmse, _unseen(validation.groups)
     if mean is None or not unseen:
-        return "not tested"
+        return "not tested", []
     if mean > GOOD:
-        return "roughly" if mean <= FAIR else "no"
-    if _off(unseen):
-        return "not everywhere"
-    if too_narrow(unseen) or _of_band("narrow", unseen):
-        return "too sure"
-    if _of_band("wide", unseen):
-        return "too unsure"
-    return "misses a trend" if trends(unseen) else "yes"
+        return "roughly" if mean <= FAIR else "no", []
+    if off := _off(unseen):
+        return "not everywhere", off
+    if too_narrow(unseen):
+        return "too sure", []
+    if narrow := _of_band("narrow", unseen):
+        return "too sure", narrow
+    if wide := _of_band("wide", unseen):
+        return "too unsure", wide
+    trend = trends(unseen)
+    return ("misses a trend", trend) if trend else ("yes", [])
 
 
 def caution(validation: Validation) -> str:
@@ -503,7 +509,8 @@ _OBJECTIONS = {
 
 
 def _ids(scores: Iterable[GroupScore]) -> str:
-    return ", ".join(dict.fromkeys(str(s.group) for s in scores))
+    named = (f"{s.group} ({s.of.removeprefix(', ')})" if s.of else f"{s.group}" for s in scores)
+    return ", ".join(dict.fromkeys(named))
 
 
 def _unseen(scores: Iterable[GroupScore]) -> list[GroupScore]:

@@ -13,6 +13,7 @@ from psafit.drives import Drive
 from psafit.experiment import Experiment, Group, GroupId, read_experiment
 from psafit.experiment.rig import Rig
 from psafit.inference.problem import Problem
+from psafit.parameters import Belief, LogNormal
 from psafit.prior_check import with_scale
 
 STUDY = read_experiment("experiments/psa")
@@ -41,6 +42,16 @@ def test_all_readings_in_another_unit(factor: float, ends: str, words: str) -> N
     assert f"98 % of the rigs that the prior holds ({ends} " in warning and words in warning
     median, limit = map(float, re.findall(r"([\d.]+) um[,)]", warning))
     assert (median < limit) == (factor < 1)
+
+
+@pytest.mark.parametrize("factor", [1 / 5, 5])
+def test_a_unit_is_not_blamed_where_it_would_lead_beyond_all_rigs(factor: float) -> None:
+    """What is known of a rig may be wrong, too: a factor of five is not that of a unit."""
+    stated = [("k_c", 3.7e6), ("c_s", 4.2e5), ("c_c", 6.2)]
+    known = replace(STUDY, beliefs=tuple(Belief(name, LogNormal(median, 1.02), "x") for name, median in stated))
+    assert with_scale(known).warnings == ()
+    (warning,) = with_scale(scaled(known, factor)).warnings
+    assert warning.endswith("; is a constant or a prior wrong?") and "1000" not in warning
 
 
 def test_swapped_columns_may_be_the_cause() -> None:

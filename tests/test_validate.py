@@ -280,14 +280,19 @@ def test_one_unseen_group_that_fails_is_not_averaged_away(checked) -> None:  # t
         bad = replace(good, group=7, n_points=20) if change else good
         groups = [replace(good, n_points=300), replace(bad, **change)]
         one = replace(found, groups=groups, holdout_log_rmse=0.1)
-        assert (validate.predicts(one), validate.caution(one)) == (word, why)
-    assert validate.predicts(replace(found, groups=[good], holdout_log_rmse=None)) == "not tested"
+        said, against = validate.predicts(one)
+        assert (said, validate.caution(one)) == (word, why)
+        assert [s.group for s in against] == ([] if word == "yes" else [7])
+    assert validate.predicts(replace(found, groups=[good], holdout_log_rmse=None)) == ("not tested", [])
     for mean, word, why in (
         (validate.GOOD + 0.01, "roughly", "the groups it has not seen are roughly followed"),
         (validate.FAIR + 0.01, "no", "the groups it has not seen are missed"),
     ):
         off = replace(found, groups=[replace(good, n_points=4)], holdout_log_rmse=mean)
-        assert (validate.predicts(off), validate.caution(off)) == (word, why)
+        assert (validate.predicts(off), validate.caution(off)) == ((word, []), why)
+    times = replace(good, group=7, n_points=20, coverage_90=0.7, observable="contact_time")
+    mixed = replace(found, groups=[replace(good, n_points=300), times], holdout_log_rmse=0.1)
+    assert validate.caution(mixed).endswith("of unseen group 7 (contact time)")
 
 
 def test_what_was_fitted_is_not_called_predicted() -> None:

@@ -187,8 +187,11 @@ def _planned(run: Path, out: Path, proposal: int, experiment: Path | None, quiet
         click.echo(f"group {sweep.id}: {text}")
         click.echo(f"what is expected: psafit simulate {place} --run {fitted} --plot plan.png")
         o = sweep.observable
-        columns = f"a column {o.column}" + ("" if sweep.sigma is None else f", and your {o.sigma_column},")
-        asked = f"fill the column {o.column} of {file}" if o.traced else f"put {columns} into {file}"
+        asked = (
+            f"fill the column {o.column}"
+            + ("" if sweep.sigma is None else f" and your {o.sigma_column}")
+            + f" of {file}"
+        )
         quick = " --quick" * opened.record.quick
         click.echo(f"once measured, {asked}, then: psafit diagnose {place}{quick}")
     return DONE

@@ -288,7 +288,7 @@ class NextExperiment:
             does = words.put("{}, with an expected lead of {}", about, words.number(proposal.lead))
         else:
             fall = words.per_cent(-math.expm1(-proposal.separation))
-            does = words.put("{}, whose standard deviation falls by at least {}", about, fall)
+            does = words.put("{}, whose standard deviation falls by about {}", about, fall)
         little = so_far = ""
         if not self.worth_measuring(proposal):
             little = ", hardly worth the measurement"

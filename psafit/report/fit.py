@@ -192,9 +192,11 @@ def what_it_predicts(validation: Validation) -> Markup:
     readings = sum(s.n_points for s in unseen)
     best = min(unseen, key=lambda s: s.log_rmse)
     worst = max(unseen, key=lambda s: s.log_rmse)
-    _, _, how = _PREDICTS[predicts(validation)]
+    word, against = predicts(validation)
     ids = list(dict.fromkeys(s.group for s in unseen))
     which = groups(ids) if len(ids) <= 6 else f"the {len(ids)} other groups"
+    if against:
+        which = Markup("{}. All that it has not seen").format(groups([name[s] for s in against]))
     spread = (
         Markup(", from ×{} for group {} to ×{} for group {}").format(
             factor(best.log_rmse), name[best], factor(worst.log_rmse), name[worst]
@@ -206,13 +208,14 @@ def what_it_predicts(validation: Validation) -> Markup:
         "<strong>Does it predict what it has not seen?</strong> {} {}: typically a factor of {} off{}. The fitted"
         " readings themselves are off by ×{}. Of the {} unseen readings, {} lie in the 90 % predictive band."
     ).format(
-        how, which, factor(mean), spread, factor(_mean_log_rmse(seen)), readings, percent(coverage(unseen))
+        _PREDICTS[word][2], which, factor(mean), spread, factor(_mean_log_rmse(seen)), readings,
+        percent(coverage(unseen)),
     )  # fmt: skip
 
 
 def verdict_of(validation: Validation) -> dict[str, str]:
     """Whether the fit predicts what it never saw, in a word; never in green where its values may be off."""
-    text, kind, _ = _PREDICTS[predicts(validation)]
+    text, kind, _ = _PREDICTS[predicts(validation)[0]]
     if kind == "good" and caution(validation):
         return {"text": f"{text}, values in doubt", "kind": "warn"}
     return {"text": text, "kind": kind}

@@ -200,7 +200,7 @@ def test_page_stands_alone(page):
             [
                 "Check first what psafit takes as given: the waveform,",
                 "No cause of the catalogue stands out that would explain what these readings show. What the baseline",
-                "standard deviation falls by at least 78 %",
+                "standard deviation falls by about 78 %",
                 "Narrowing",
             ],
             ["Success", "Extended", "No other set", "changes a reading by"],
@@ -485,7 +485,7 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(tmp_path):
     record = replace(record, next_experiment=NextExperiment.of([weak], Purpose("narrow", parameter="k_c"), weak=True))
     text = build(record, experiment, tmp_path).first_screen
     assert (
-        "would show much: sine, 20 V, determines kc (contact stiffness), whose standard deviation falls by at least"
+        "would show much: sine, 20 V, determines kc (contact stiffness), whose standard deviation falls by about"
         " 5 %, hardly worth the measurement; its posterior is still at least half as wide as its prior. More" in text
     )
 
@@ -502,8 +502,8 @@ def test_what_decides_little_or_no_better_than_others_is_said():
     assert NextExperiment.of(clear, separates.purpose).as_good == 1  # beyond 45 nats none is better
     known = NextExperiment.of([first], Purpose("narrow", parameter="k_c"), weak=False)
     assert Next(known, more=False).say(PLAIN) == (
-        "Next, measure sine, 20 V: it best determines k_c (contact stiffness), whose standard deviation falls by at"
-        " least 91 %; its posterior is already less than half as wide as its prior."
+        "Next, measure sine, 20 V: it best determines k_c (contact stiffness), whose standard deviation falls by"
+        " about 91 %; its posterior is already less than half as wide as its prior."
     )
 
 

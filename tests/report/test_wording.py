@@ -56,6 +56,6 @@ def test_the_same_probability_reads_the_same_everywhere():
 def test_nothing_is_narrower_by_minus_zero():
     one = Proposal("", "sine", [], [], {}, -1e-3, None, 0.0)
     offered = NextExperiment.of([one], Purpose("narrow", parameter="k_c"))
-    assert "whose standard deviation falls by at least 0 %" in offered.promise(one)
+    assert "whose standard deviation falls by about 0 %" in offered.promise(one)
     assert plain_spaces(words.narrowing(one)).startswith("0 %") and words.nats(-0.04) == "0.0" == words.signed(-0.04)
     assert wording.exact(-0.0) == "0" and "-0 " not in wording.typeset(replace(one, separation=-0.01).lead)

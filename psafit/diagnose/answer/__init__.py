@@ -146,7 +146,8 @@ def _values(d: Diagnosis) -> Iterator[Statement]:
         yield Sizes(list(own.items()), list(others.items()), d.verdict)
     if d.best_model and d.best_model.sessions:
         yield BySession(d.best_model.sessions)
-    named = [d.best_model] if d.best_model and d.named else []
+    # Of a baseline that is wrong no value is believed anyway.
+    named = [d.best_model] if d.best_model and (d.named or d.verdict == "adequate") else []
     if odd := [(c.terms, c.implausible) for c in [*named, *tied] if c.implausible]:
         yield Implausible(odd)
 
