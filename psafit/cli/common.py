@@ -269,6 +269,12 @@ def unresolved(error: float, required: float) -> str:
     )
 
 
+def from_here(path: Path) -> Path:
+    """A path as it is typed in the current folder: one below that without what leads there."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
+
+
 def shown_path(path: str | Path) -> str:
     """A path for a line of the terminal, without what would steer that."""
     return escaped(click.format_filename(path))

@@ -21,6 +21,7 @@ from psafit.cli.common import (
     Place,
     causes,
     costly,
+    from_here,
     groups_of,
     long_sweeps,
     plugin_words,
@@ -215,7 +216,8 @@ def _say_after(result: Diagnosis, experiment: Path, folder: Path, page: Path | N
         click.echo(f"report: {shown_path(page)}")
     if result.next_experiment.recommended:
         plan = ["psafit", "plan", folder, "--out", f"{experiment.resolve().name}-next", *plugin_words()]
-        click.echo(f"what to measure next, as a folder: {shlex.join(shown_path(str(word)) for word in plan)}")
+        typed = (shown_path(from_here(word) if isinstance(word, Path) else str(word)) for word in plan)
+        click.echo(f"what to measure next, as a folder: {shlex.join(typed)}")
 
 
 def share_text(fraction: float) -> str:

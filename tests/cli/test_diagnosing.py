@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 from commands import run
 from diagnoses_by_hand import make_experiment, make_record, parameters
+from sensors import SENSOR
 
 import psafit.diagnose
+from psafit import plugins
 from psafit.cli.diagnosing import say_diagnosis
 from psafit.diagnose.answer import sentences
 from psafit.errors import InputError
@@ -53,12 +55,17 @@ def test_the_last_lines_say_where_to_go_on(known_folder, tmp_path, monkeypatch, 
         record = replace(record, next_experiment=replace(record.next_experiment, proposals=[]))
     monkeypatch.setattr(psafit.diagnose, "diagnose", lambda *args, **options: record)
     monkeypatch.setattr(pages, "write_diagnosis", lambda *args: out / "diagnosis.html")
+    monkeypatch.chdir(tmp_path)
+    own = tmp_path / "a cause.py"
+    own.write_text(SENSOR)
+    monkeypatch.setattr(plugins, "files", lambda: (own,))
     assert run(monkeypatch, "diagnose", known_folder, "--out", out, *options) == 0
     heads = ("report: ", "what to measure next, as a folder: ")
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith(heads)]
     assert [next(head for head in heads if line.startswith(head)) for line in lines] == printed
     if heads[1] in printed:
-        assert shlex.split(lines[-1].removeprefix(heads[1])) == ["psafit", "plan", str(out), "--out", "known-next"]
+        words = ["psafit", "plan", "an answer", "--out", "known-next", "--plugin", "a cause.py"]
+        assert shlex.split(lines[-1].removeprefix(heads[1])) == words
 
 
 @pytest.mark.slow
