@@ -90,7 +90,7 @@ class Screened:
         What scatter alone gains once in twenty times.
     visible : float
         Size of the effect of a plausible strength (the prior's median) after a refit of everything else, in standard
-        deviations of the fitted scatter.
+        deviations of the fitted scatter. Where sessions have values of their own, its root mean square over these.
     """
 
     term: Term
@@ -137,18 +137,27 @@ def _screen(candidate: Candidate, top: float, nothing: FloatArray, term: Term, c
     traced = large.design.traced
     least = np.where(traced, -np.inf, 1e-9)
 
+    def predicted(rows: FloatArray) -> FloatArray:
+        """Readings at some places, and with each latent a tenth of its prior further; (1 + n_latent, n, n_points)."""
+        found = large.predict(np.vstack([rows, *(rows + 0.1 * np.eye(large.n_dim)[i] for i in latent)]))
+        return np.maximum(found.reshape(1 + len(latent), len(rows), -1), least)
+
+    def changes(found: FloatArray) -> list[FloatArray]:
+        """What a refit does not take up: of the whole, and for each latent of as much as its prior is wide."""
+        moved = [candidate.project_out((one - found[0]) / 0.1) for one in found[1:]]
+        return [candidate.project_out(found[0] - candidate.predicted), *moved]
+
     def refitted(quantiles: FloatArray) -> FloatArray:
         """Gain in log posterior, nats, of refits at these quantiles of the strength."""
         rows = np.repeat(at[None, :], len(quantiles), axis=0)
         rows[:, own[0]] = term.strength.prior_quantile(quantiles)
-        found = large.predict(np.vstack([rows, *(rows + 0.1 * np.eye(large.n_dim)[i] for i in latent)]))
-        found = np.maximum(found.reshape(1 + len(latent), len(rows), -1), least)
+        found = predicted(rows)
         slope = np.zeros((len(rows), large.n_model, found.shape[2]))
         slope[:, shared[: candidate.problem.n_model]] = candidate.relative_slope
         for k, i in enumerate(latent, start=1):
             slope[:, i] = (found[k] - found[0]) / (0.1 * np.where(traced, 1.0, found[0]))
-        moved = [candidate.project_out((found[k] - found[0]) / 0.1) for k in range(1, 1 + len(latent))]
-        np.maximum(luck, gains_by_luck(candidate.project_out(found[0] - candidate.predicted), moved, nothing), out=luck)
+        effect, *moved = changes(found)
+        np.maximum(luck, gains_by_luck(effect, moved, nothing), out=luck)
         end = maximise_linearly(large, rows, found[0], slope, frozen=own, iterations=settings.iterations)
         # The cause's own prior is not a gain or loss here; that of its latents is.
         prior = np.sum([p.log_prior(end.u[:, i]) for p, i in zip(term.parameters, own, strict=True)], axis=0)
@@ -176,7 +185,7 @@ def _screen(candidate: Candidate, top: float, nothing: FloatArray, term: Term, c
         gain=gain,
         log_bayes=float(logsumexp(gains, b=share)),
         chance=float(np.quantile(luck, 1 - settings.chance)),
-        visible=float(np.linalg.norm(candidate.project_out(large.predict(shown[None]) - candidate.predicted))),
+        visible=float(np.linalg.norm(changes(predicted(shown[None, :])))),
     )
 
 

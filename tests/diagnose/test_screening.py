@@ -57,6 +57,21 @@ def test_what_is_called_visible_is_what_a_refit_leaves():
     assert visible["poor", "flight_friction"] < VISIBLE < visible["rich", "flight_friction"]
 
 
+def test_what_differs_by_session_is_visible_by_its_values_there(sound):
+    """Where all sessions have the same it is nothing; drawn from its prior it is so large on average."""
+    (gain,) = terms(["reading_gain"])
+    found = screen(sound, [gain])[0]
+    large = replace(sound.problem, terms=(gain,))
+    at, shared = sound.within(large)
+    at[large.names.index(gain.strength.name)] = gain.strength.prior_quantile(0.5)
+    rows = np.repeat(at[None, :], 400, axis=0)
+    latent = [i for i, name in enumerate(large.names) if i not in shared and name != gain.strength.name]
+    rows[:, latent] = np.random.default_rng(2).standard_normal((400, len(latent)))
+    sizes = np.linalg.norm(sound.project_out(large.predict(rows) - sound.predicted), axis=1)
+    assert found.visible == pytest.approx(np.sqrt(np.mean(sizes**2)), rel=0.15)
+    assert found.visible > VISIBLE
+
+
 def test_what_luck_gains_has_the_known_laws():
     """Of a strength on one side of neutral, on both, and of a quantity drawn anew."""
     nothing = np.random.default_rng(1).standard_normal((20000, 5))

@@ -221,6 +221,21 @@ def test_a_column_of_waveforms_next_to_a_drive_is_to_be_left_out(tmp_path: Path)
     assert table.groups[0].drive.table is not None
 
 
+def test_a_drive_is_that_of_the_tables_that_have_no_other(tmp_path: Path) -> None:
+    """What is given for a waveform stays with it: a recorded drive has bias and phase in it."""
+    for name, text in (("one", SWEEP), ("two", "Range (um)\n76,5\n75\n")):
+        (tmp_path / f"{name}.csv").write_text(text, encoding="utf-8")
+    held = {"bias_v": (5.0, None), "phase_deg": (90.0, None), "idle_v": (5.0, 0.0)}
+    launch = {"frequency_hz": (None, 1000.0), "amplitude_v": (None, 60.0)}
+    given = options(tmp_path, scope(), waveforms=("sine", "table"), values=tuple((held | launch).items()))
+    one, two = (table.groups[0] for table in read_files([tmp_path / "one.csv", tmp_path / "two.csv"], given))
+    assert (one.drive.waveform, one.drive.table, one.drive.bias_v, one.drive.phase_deg) == ("sine", None, 5.0, 90.0)
+    assert two.drive.table is not None and two.drive.table.recorded and two.drive.bias_v == 0.0
+    alone = (("frequency_hz", 1000.0), ("amplitude_v", 60.0))
+    with pytest.raises(InputError, match="bias_v is given, and no table takes it"):
+        read_files([tmp_path / "two.csv"], replace(given, waveforms=(), values=(("bias_v", 5.0), *alone)))
+
+
 def test_a_trace_keeps_the_drive_that_was_recorded_with_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

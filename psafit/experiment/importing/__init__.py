@@ -113,6 +113,8 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
     for number, (tries, shape) in enumerate(zip(found, shapes, strict=True)):
         first_id = sum(len(t.groups) for t in tables) + 1
         own = options.of_table(number, len(found))
+        if shape not in ("", TABLE):  # a drive in a file of its own is that of the other tables
+            own = replace(own, drive=None)
         with faults.kept():
             understood = [
                 (grid, partial(_understood, grid, head, own, shape, first_id, examples)) for grid, head in tries
