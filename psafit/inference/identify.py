@@ -321,7 +321,8 @@ def supported(unit: str, points: list[ProfilePoint], interval: tuple[float, floa
     lower, upper = one_sided(points, interval)
     side, limit = ("most", upper) if word == "bounded above" else ("least", lower)
     assert limit is not None  # bounded on one side
-    return f"at {side} {resolved(limit, limit)}{'' if unit == '1' else f' {unit}'} (95 %)"
+    spread = min(abs(limit), (interval[1] - interval[0]) / 2)
+    return f"at {side} {resolved(limit, spread)}{'' if unit == '1' else f' {unit}'} (95 %)"
 
 
 def profiled(points: list[ProfilePoint], interval: tuple[float, float], word: str) -> str:

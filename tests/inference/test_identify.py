@@ -115,6 +115,8 @@ def test_words_for_each_verdict() -> None:
     )
     assert "at most 2.3 N s/m (95 %)" in identify.describe("c_c", "N s/m", 5.0, (1.0, 9.0), above, "bounded above")
     assert "at least 1.7 (95 %)" in identify.describe("c_c", "1", 5.0, (1.0, 9.0), below, "bounded below")
+    near = [replace(p, value=1.0 + 0.01 * p.value) for p in above]  # an exponent whose neutral value is 1
+    assert "at most 1.023 (95 %)" in identify.describe("n", "1", 1.02, (1.003, 1.043), near, "bounded above")
     said = identify.profiled(above, (1.0, 9.0), "bounded above")
     assert said.endswith("by the profile likelihood; by the posterior, with its priors: 1 to 9 (90 %)")
     plain = ((above, "determined"), (flat, "not determined"), ([], "bounded above"))
