@@ -59,7 +59,7 @@ def measure(seed: int, least: float, most: float) -> dict[str, Any]:
         "seed": seed,
         "terms": list(made.answer.terms),
         "nats": nats,
-        "predicts": predicts(validation),
+        "predicts": predicts(validation)[0],
         "caution": caution(validation),
         "determined": determined,
         "outside": outside,
