@@ -121,16 +121,17 @@ def _off_scale(experiment: Experiment, moving: tuple[Group, ...], observable: Ob
     found = []
     for way, sign in (("below", -1), ("above", 1)):
         asked = observable.asked(large=sign > 0)
-        ends = np.quantile(np.median(predicted, axis=1), [1.0 - nearly_all, nearly_all])[::sign]
-        own, limit = (f"{significant(float(x), 2)} {observable.unit}" for x in (np.median(size), ends[1]))
         alone = np.mean(sign * of_group > 0, axis=1) > nearly_all
         if alone.all():
+            own = float(np.median(size))
+            low, high = np.quantile(np.median(predicted, axis=1), [1.0 - nearly_all, nearly_all]).tolist()
             # In another unit, readings do not lie beyond all rigs on the other side.
-            other = sign * np.median(size) / settings.unit**sign >= sign * ends[0]
+            other = own / settings.unit >= low if sign > 0 else own * settings.unit <= high
             why = f"are they {asked}, are columns swapped, or is a constant" if other else "is a constant or a prior"
+            limit = f"most {significant(high, 2)}" if sign > 0 else f"least {significant(low, 2)}"
             found.append(
-                f"{read} lie {way} those of {100 * nearly_all:.0f} % of the rigs that the prior holds (median {own},"
-                f" theirs at {'most' if sign > 0 else 'least'} {limit}); {why} wrong?"
+                f"{read} lie {way} those of {100 * nearly_all:.0f} % of the rigs that the prior holds (median"
+                f" {significant(own, 2)} {observable.unit}, theirs at {limit} {observable.unit}); {why} wrong?"
             )
             continue
         for group, apart, odd in zip(moving, off, alone, strict=True):

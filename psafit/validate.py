@@ -36,7 +36,7 @@ from psafit.inference.candidate import candidate_at
 from psafit.inference.laws import broken
 from psafit.inference.problem import Problem
 from psafit.inference.run_folder import Run
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable, recorded_name
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable, names, recorded_name
 from psafit.records import GroupScore, Retested, Size, Validation, write_json
 from psafit.simulate import Design
 from psafit.simulate import readings as readings_of
@@ -509,8 +509,7 @@ _OBJECTIONS = {
 
 
 def _ids(scores: Iterable[GroupScore]) -> str:
-    named = (f"{s.group} ({s.of.removeprefix(', ')})" if s.of else f"{s.group}" for s in scores)
-    return ", ".join(dict.fromkeys(named))
+    return ", ".join(dict.fromkeys(names((s.group, s.observable) for s in scores)))
 
 
 def _unseen(scores: Iterable[GroupScore]) -> list[GroupScore]:

@@ -390,7 +390,7 @@ def run(kind: str, words: list[str], folder: Path) -> dict[str, Any]:
 
 
 def stand_ins(kind: str) -> contextlib.ExitStack:
-    """What takes the place of long work: nothing, as far as options go; few candidates, where steps are read."""
+    """What takes the place of long work: nothing, as far as options go."""
 
     def reached(*args: object, **options: object) -> None:
         raise Reached

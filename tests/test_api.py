@@ -195,9 +195,8 @@ def test_a_diagnosis_in_a_notebook(diagnosis: tuple[Path, Experiment]) -> None:
     assert few.causes.index[-1] == "baseline"
     assert "baseline" in found._repr_html_() and f"<li>{escape(found.record.sentences[-1])}</li>" in found._repr_html_()
     lines = repr(found).splitlines()
-    assert lines[0].startswith("verdict: ambiguous: hysteresis") and len(
-        [x for x in lines if x.startswith("- ")]
-    ) == len(found.record.sentences)
+    assert lines[0].startswith("verdict: ambiguous: hysteresis")
+    assert sum(line.startswith("- ") for line in lines) == len(found.record.sentences)
     assert f"- {found.record.sentences[0]}" in " ".join(repr(found).split())
     ax = Figure().subplots()
     assert found.plot(ax=ax) is ax and found.plot(2, ax=ax) is ax

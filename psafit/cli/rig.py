@@ -187,13 +187,9 @@ def _planned(run: Path, out: Path, proposal: int, experiment: Path | None, quiet
         click.echo(f"group {sweep.id}: {text}")
         click.echo(f"what is expected: psafit simulate {place} --run {fitted} --plot plan.png")
         o = sweep.observable
-        asked = (
-            f"fill the column {o.column}"
-            + ("" if sweep.sigma is None else f" and your {o.sigma_column}")
-            + f" of {file}"
-        )
+        columns = o.column if sweep.sigma is None else f"{o.column} and your {o.sigma_column}"
         quick = " --quick" * opened.record.quick
-        click.echo(f"once measured, {asked}, then: psafit diagnose {place}{quick}")
+        click.echo(f"once measured, fill the column {columns} of {file}, then: psafit diagnose {place}{quick}")
     return DONE
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from psafit.observables.contact_time import CONTACT_TIME
 from psafit.observables.displacement import DISPLACEMENT
 from psafit.observables.launch_range import LAUNCH_RANGE
@@ -36,8 +38,25 @@ def aside(name: str | None) -> str:
     return next((f", {o.titles}" for o in OBSERVABLES if o.name == name), "")
 
 
+def names(read: Iterable[tuple[object, str | None]]) -> list[str]:
+    """What readings are called: by their group and, unless all are launch ranges, by what is read.
+
+    >>> names([(5, None), (5, "contact_time")])
+    ['5 (launch range)', '5 (contact time)']
+
+    Parameters
+    ----------
+    read : iterable of (group id, str or None)
+        The observable as `recorded_name` has it.
+    """
+    every = list(read)
+    if not any(observable for _, observable in every):
+        return [str(id) for id, _ in every]
+    return [f"{id} ({(observable or LAUNCH_RANGE.name).replace('_', ' ')})" for id, observable in every]
+
+
 __all__ = [
     "CONTACT_TIME", "DISPLACEMENT", "LAUNCH_RANGE", "LAUNCH_SPEED", "NUMBERED", "OBSERVABLES", "OF_LAUNCHES",
     "PEAK_FORCE", "TIP_DISPLACEMENT", "VELOCITY", "Launches", "Motion", "Observable", "aside", "in_another_unit",
-    "named", "recorded_name",
+    "named", "names", "recorded_name",
 ]  # fmt: skip

@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from psafit.compare import Comparison, Estimate, GroupPair, ParameterPair, Side
 from psafit.experiment import Group
+from psafit.observables import names
 from psafit.report import figures
 from psafit.report.catalogue import declared, model, parameter, symbol
 from psafit.report.figures.groups import short, titled
@@ -21,7 +22,6 @@ from psafit.report.wording import (
     groups,
     interval,
     listed,
-    names,
     number,
     percent,
     typeset,

@@ -473,24 +473,26 @@ def _health(run: Run) -> list[list[Any]]:
 
 
 def _importance(run: Run) -> dict[str, Any]:
-    """The sampler's medians and limits, and those of importance sampling."""
-    other, symbols, worst = run.summary.importance, _symbols(run), run.summary.importance.furthest
-    rows = []
+    """The sampler's medians and limits, and those of importance sampling, where these are another way."""
+    other = run.summary.importance
+    found: dict[str, Any] = {
+        "text": "The values of this page are these draws.",
+        "rows": [],
+        "trusted": other.pareto_k < TRUSTED,
+        "evidence": f"{fixed(other.log_evidence, 2)} ± {fixed(other.standard_error, 2)}".replace("-", "\N{MINUS SIGN}"),
+    }
+    if not sampler(run.fit.sampled_by).checked:
+        return found
+    symbols, worst = _symbols(run), other.furthest
     for e, own, importance in zip(run.fit.parameters, run.summary.parameters, other.parameters, strict=True):
         cells: list[Any] = []
         for one in (own, importance):
             unit, (median, lower, upper) = prefixed(e.unit, one.median, one.lower, one.upper)
             width = (upper - lower) / 2
             cells += [with_unit(number(median, width), unit), with_unit(interval(lower, upper, width), unit)]
-        rows.append([symbols[own.name], *cells, fixed(importance.apart, 2)])
+        found["rows"].append([symbols[own.name], *cells, fixed(importance.apart, 2)])
     words = compared(worst.name, worst.apart, other.by_chance, other.effective)
-    checked = sampler(run.fit.sampled_by).checked
-    return {
-        "text": typeset(words[0].upper() + words[1:]) + "." if checked else "The values of this page are these draws.",
-        "rows": rows if checked else [],
-        "trusted": other.pareto_k < TRUSTED,
-        "evidence": f"{fixed(other.log_evidence, 2)} ± {fixed(other.standard_error, 2)}".replace("-", "\N{MINUS SIGN}"),
-    }
+    return found | {"text": typeset(words[0].upper() + words[1:]) + "."}
 
 
 def _prior_rows(run: Run) -> list[list[Any]]:

@@ -15,6 +15,7 @@ from psafit.arrays import FloatArray
 from psafit.experiment import GroupId
 from psafit.inference.identify import DROP_90
 from psafit.inference.run_folder import Run
+from psafit.observables import names
 from psafit.records import GroupScore, Validation
 from psafit.report import figures
 from psafit.report.catalogue import TITLES
@@ -23,7 +24,7 @@ from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, titled
 from psafit.report.figures.sweep import UNITS
 from psafit.report.page import Picture, figure_data_uri, worst
 from psafit.report.style import MEASURED, PALETTE
-from psafit.report.wording import factor, interval, names, number, percent, symbol_html, typeset, unit_text, with_unit
+from psafit.report.wording import factor, interval, number, percent, symbol_html, typeset, unit_text, with_unit
 from psafit.text import count
 from psafit.validate import Prediction, log_ratio
 

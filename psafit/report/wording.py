@@ -10,7 +10,6 @@ from typing import Final
 from markupsafe import Markup, escape
 
 from psafit.experiment import Group
-from psafit.observables import LAUNCH_RANGE
 from psafit.report.figures.axes import SUPERSCRIPT, power_of_ten
 from psafit.text import fixed
 from psafit.text import percent as plain_percent
@@ -212,23 +211,6 @@ def listed(items: Iterable[object], most: int = 9) -> Markup:
 def groups(ids: Sequence[object]) -> Markup:
     """``group 1``, ``groups 1 and 2``."""
     return Markup("group {}" if len(ids) == 1 else "groups {}").format(listed(ids))
-
-
-def names(read: Iterable[tuple[object, str | None]]) -> list[str]:
-    """What a page calls readings: by their group and, unless all are launch ranges, by what is read.
-
-    >>> names([(5, None), (5, "contact_time")])
-    ['5 (launch range)', '5 (contact time)']
-
-    Parameters
-    ----------
-    read : iterable of (group id, str or None)
-        The observable as `psafit.observables.recorded_name` has it.
-    """
-    every = list(read)
-    if not any(observable for _, observable in every):
-        return [str(id) for id, _ in every]
-    return [f"{id} ({(observable or LAUNCH_RANGE.name).replace('_', ' ')})" for id, observable in every]
 
 
 def compared(parameter: str, apart: float, by_chance: float, effective: float) -> str:

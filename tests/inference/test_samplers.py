@@ -28,7 +28,6 @@ OWN = '''
 """The prior and nothing else: a sampler for a test."""
 from dataclasses import dataclass
 import numpy as np
-from psafit.report.fit import _health
 from psafit.inference.sampling import Chain, Progress, SamplerSettings
 
 @dataclass(frozen=True)

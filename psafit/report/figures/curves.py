@@ -150,8 +150,8 @@ def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Cu
     bottom, top, log = _view(group, curves)
     single = len(np.unique(x)) == 1
     # Where nothing varies steadily, each reading has a piece of its own: a slope between two would suggest a trend.
-    steps = sweep.variable == "order"
-    between: Any = "mid" if steps else None
+    between: Any
+    drawn, between = ("steps-mid", "mid") if sweep.variable == "order" else ("default", None)
     for place, curve in enumerate(curves):
         color = PALETTE[curve.color]
         for band in curve.bands:
@@ -173,7 +173,6 @@ def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Cu
             if none.size:
                 axes.plot(none, np.full(none.size, bottom), "v", ms=3.0 if small else 4.5, clip_on=False, **look)
             line = np.where(line > 0, line, np.nan)
-        drawn = "steps-mid" if steps else "default"
         axes.plot(at, line, lw=1.6, ls=DASHES if curve.dashed else "-", drawstyle=drawn, **look)
         if not measured.size:  # where a plan will read
             axes.plot(x, np.where(curve.middle > 0, curve.middle, np.nan) if log else curve.middle, ".", ms=5, **look)
