@@ -17,15 +17,18 @@ the level of the family; docs/diagnosis.md says how often all of them together o
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
+from scipy.stats import beta
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.residuals import (
+    Key,
     MisfitSettings,
     Variable,
     both,
@@ -269,7 +272,8 @@ def examine(
         Causes whose directions are looked at.
     seed : int
     n_simulated : int
-        Data sets simulated from the fit.
+        Data sets simulated from the fit; as many again, and so on, while it is open on which side of `ALPHA` the p
+        value lies (`MisfitSettings.sure`).
     exact : bool, optional
         Whether they are refitted with the model itself and not with its expansion; by default where the model has a
         closed form.
@@ -283,19 +287,22 @@ def examine(
     if exact is None:
         exact = path_of(candidate.terms) == "closed form"
     observed = normal_scores(problem, u, candidate.predicted[None, :], problem.observed, settings.clip)
-    simulated = _simulated(candidate, seed, n_simulated, exact, settings)
+    simulate = _simulator(candidate, seed, exact, settings)
     directions = _directions(candidate, catalogue, settings.directions)
-    looked = looks(problem, np.vstack([observed, simulated]), candidate.predicted, directions, settings)
-    names = list(looked)
-    table = np.array([looked[name] for name in names])  # (n_statistics, 1 + n)
-    names.append(("many of these at once", "all", None))
-    table = np.vstack([table, oddness(table)])
+    simulated = simulate(n_simulated)
+    while True:
+        looked = looks(problem, np.vstack([observed, simulated]), candidate.predicted, directions, settings)
+        table = np.array(list(looked.values()))  # (n_statistics, 1 + n)
+        table = np.vstack([table, oddness(table)])
+        excess = standardised(table, settings.scale)
+        largest = excess.max(axis=0)
+        as_large, n_simulated = int(np.sum(largest[1:] >= largest[0])), len(simulated)
+        if n_simulated >= settings.most or decided(as_large, n_simulated, settings.sure):
+            break
+        simulated = np.vstack([simulated, simulate(min(n_simulated, settings.most - n_simulated))])
+    names: list[Key] = [*looked, ("many of these at once", "all", None)]
     null = table[:, 1:]
-    middle = np.median(null, axis=1, keepdims=True)
-    reach = np.maximum(np.quantile(null, 0.95, axis=1, keepdims=True) - middle, 1e-9)
-    excess = (table - middle) / reach
-    largest = excess.max(axis=0)
-    p_value = float((1 + np.sum(largest[1:] >= largest[0])) / (1 + n_simulated))
+    p_value = (1 + as_large) / (1 + n_simulated)
     bar = float(np.quantile(largest[1:], 0.95))
     # No test is possible with as many parameters as readings, nor where the readings have no scatter.
     tested = problem.observed.size > problem.n_physical and not noise.too_fine(candidate.noise, observed[0], ALPHA)
@@ -334,26 +341,36 @@ def _with_usual_tails(candidate: Candidate) -> Candidate | None:
     return None if (start == candidate.modes[:1]).all() else optimised(held, start)
 
 
-def _simulated(candidate: Candidate, seed: int, n_simulated: int, exact: bool, settings: MisfitSettings) -> FloatArray:
-    """Normal scores of data sets simulated from a fit under their own refits; (n_simulated, n_points)."""
-    problem, rng = candidate.problem, np.random.default_rng([seed, 7])
-    predicted = np.repeat(candidate.predicted[None, :], n_simulated, axis=0)
-    scatter = np.repeat(candidate.noise, n_simulated, axis=0)
-    # An instrument does not show ranges below zero.
-    fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), problem.floor)
-    fake[_silent(candidate, n_simulated, np.random.default_rng([seed, 7, 1]))] = 0.0
-    starts = np.repeat(candidate.modes[:1], n_simulated, axis=0)
-    refit = maximise_linearly(
-        problem,
-        starts,
-        np.maximum(predicted, np.where(problem.design.traced, -np.inf, 1e-9)),
-        candidate.relative_slope,
-        fake,
-        iterations=8,
-    )
-    if exact:
-        refit = maximise(problem, refit.u, fake, schedule=((settings.exact_iterations, n_simulated),))
-    return normal_scores(problem, refit.u, refit.predicted, fake, settings.clip)
+def _simulator(candidate: Candidate, seed: int, exact: bool, settings: MisfitSettings) -> Callable[[int], FloatArray]:
+    """What simulates data sets from a fit: normal scores of the next n under their own refits, (n, n_points)."""
+    problem, rng, of_silence = candidate.problem, np.random.default_rng([seed, 7]), np.random.default_rng([seed, 7, 1])
+
+    def simulate(n: int) -> FloatArray:
+        predicted = np.repeat(candidate.predicted[None, :], n, axis=0)
+        scatter = np.repeat(candidate.noise, n, axis=0)
+        # An instrument does not show ranges below zero.
+        fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), problem.floor)
+        fake[_silent(candidate, n, of_silence)] = 0.0
+        refit = maximise_linearly(
+            problem,
+            np.repeat(candidate.modes[:1], n, axis=0),
+            np.maximum(predicted, np.where(problem.design.traced, -np.inf, 1e-9)),
+            candidate.relative_slope,
+            fake,
+            iterations=8,
+        )
+        if exact:
+            refit = maximise(problem, refit.u, fake, schedule=((settings.exact_iterations, n),))
+        return normal_scores(problem, refit.u, refit.predicted, fake, settings.clip)
+
+    return simulate
+
+
+def decided(as_large: int, n: int, sure: float) -> bool:
+    """Whether a p value is surely on one side of `ALPHA`: its interval (Clopper and Pearson) does not hold it."""
+    low = beta.ppf(0.5 * (1 - sure), as_large, n - as_large + 1) if as_large else 0.0
+    high = beta.ppf(0.5 * (1 + sure), as_large + 1, n - as_large) if as_large < n else 1.0
+    return not low <= ALPHA <= high
 
 
 def _silent(candidate: Candidate, n: int, rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -365,6 +382,23 @@ def _silent(candidate: Candidate, n: int, rng: np.random.Generator) -> NDArray[n
     failed = candidate.predicted <= candidate.problem.floor
     more = 2.0 * np.mean(candidate.problem.observed[failed] == 0.0) - 1.0 if failed.any() else 0.0
     return failed & (rng.random((n, failed.size)) < more)
+
+
+def standardised(table: FloatArray, levels: tuple[float, ...]) -> FloatArray:
+    """How far statistics lie above what simulated data sets show as a rule, in the scale of each; like `table`.
+
+    Parameters
+    ----------
+    table : (n_statistics, 1 + n) array
+        Statistics of the readings, and of the simulated data sets.
+    levels : tuple of float
+        Upper quantiles of the simulated ones that say how wide they are. The mean of several hangs less on the draws
+        than the outermost does, which is the unit.
+    """
+    null = table[:, 1:]
+    middle = np.median(null, axis=1, keepdims=True)
+    steps = (np.quantile(null, levels, axis=1) - middle.T) / ndtri(levels)[:, None]  # (n_levels, n_statistics)
+    return (table - middle) / np.maximum(steps.mean(axis=0) * ndtri(max(levels)), 1e-9)[:, None]
 
 
 def oddness(table: FloatArray) -> FloatArray:

@@ -46,6 +46,12 @@ class MisfitSettings:
         Readings of the shortest sweep that is looked at.
     spare : int
         Replicates beyond the first of their conditions from which on they say how a reading scatters.
+    scale : tuple of float
+        Quantiles of the simulated data sets that say how wide a statistic scatters.
+    sure : float
+        How sure it must be on which side of the tests' level a p value lies, for no more data sets to be simulated.
+    most : int
+        Data sets that are simulated at most to be sure.
     exact_iterations : int
         Of a refit by the model itself, which begins where that by the expansion ended.
     others : float
@@ -60,6 +66,9 @@ class MisfitSettings:
     odd: float = 4.0
     fewest: int = 5
     spare: int = 3
+    scale: tuple[float, ...] = (0.75, 0.85, 0.9, 0.95)
+    sure: float = 0.95
+    most: int = 1_999
     exact_iterations: int = 4
     others: float = 0.5
     n_without: int = 149

@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rigs import RIG
+from scipy.special import ndtri
 from truths import FEW, TRUTH, bump, experiment, few, narrow, problem, slip, unit
 
+from psafit.diagnose import misfit
 from psafit.diagnose.discrepancy import discrepancy
-from psafit.diagnose.misfit import ALPHA, Coincidence, Statistic, character_of, examine, oddness
-from psafit.diagnose.residuals import both, shared
+from psafit.diagnose.misfit import ALPHA, Coincidence, Statistic, character_of, decided, examine, oddness, standardised
+from psafit.diagnose.residuals import MisfitSettings, both, shared
 from psafit.experiment import Group, fingerprint
 from psafit.inference.candidate import fit
 from psafit.physics import terms
@@ -137,6 +139,45 @@ def test_many_statistics_that_are_a_little_odd_are_odd_together():
     assert together[0] > together[1:].max()
     table[:, 0] = rng.standard_normal(40)
     assert 0.01 < np.mean(oddness(table)[1:] >= oddness(table)[0]) < 0.99
+
+
+def test_the_scale_of_a_statistic_is_that_of_its_law():
+    """Of a normal law the unit is its 95 % quantile, whichever quantiles it is taken from; a constant has none."""
+    normal = ndtri((np.arange(1, 100_000) - 0.5) / 99_999)
+    table = np.array([[3.0, *normal], [11.0, *(5.0 + 2.0 * normal)]])
+    for levels in ((0.95,), (0.75, 0.85, 0.9, 0.95)):
+        assert standardised(table, levels)[:, 0] == pytest.approx(3.0 / ndtri(0.95), rel=1e-3)
+    # Those of several hang less on the draws.
+    rng = np.random.default_rng(1)
+    drawn = [np.array([[3.0, *rng.standard_normal(199)]]) for _ in range(1_000)]
+    one, four = ([standardised(t, levels)[0, 0] for t in drawn] for levels in ((0.95,), (0.75, 0.85, 0.9, 0.95)))
+    assert np.std(four) < 0.95 * np.std(one)
+
+
+def test_simulation_goes_on_while_a_p_value_is_open(sound, monkeypatch):
+    assert decided(0, 199, 0.95) and decided(20, 199, 0.95)
+    assert not decided(3, 199, 0.95) and not decided(0, 150, 0.95)
+    assert decided(3, 199, 0.0)
+    # The same first data sets, then as many again.
+    before = examine(sound, FEW, seed=1, n_simulated=99, influence=False)
+    assert before.n_simulated == 99
+    monkeypatch.setattr(misfit, "ALPHA", before.p_value)
+    after = examine(sound, FEW, seed=1, n_simulated=99, influence=False)
+    assert after.n_simulated in (198, 396, 792, 1584, 1999)
+    assert after.p_value == pytest.approx(before.p_value, abs=0.15)
+
+
+@pytest.mark.parametrize(("true", "least", "most"), [(0.01, 0.99, 1.0), (0.03, 0.0, 0.01)])
+def test_a_p_value_near_the_level_falls_on_its_side(true, least, most):
+    """As docs/diagnosis.md says; with 199 data sets alone 68 % and 6 % are rejected."""
+    rng, settings, rejected = np.random.default_rng(1), MisfitSettings(), []
+    for _ in range(1_000):
+        n, as_large = 199, rng.binomial(199, true)
+        while n < settings.most and not decided(as_large, n, settings.sure):
+            more = min(n, settings.most - n)
+            n, as_large = n + more, as_large + rng.binomial(more, true)
+        rejected.append((1 + as_large) / (1 + n) < ALPHA)
+    assert least <= np.mean(rejected) <= most
 
 
 def test_a_few_readings_do_not_clear_the_rest():
