@@ -142,9 +142,14 @@ class Proposal:
         return f"{fixed(self.separation, 1)} +- {fixed(self.error, 1)} nats"
 
     @property
+    def needs(self) -> tuple[str, ...]:
+        """What has to be had for it: constants that are changed, and an observable that was not read before."""
+        return (*sorted(self.constants), *([self.observable or ""] if self.other else []))
+
+    @property
     def as_it_is(self) -> bool:
         """Whether it needs neither another rig nor another instrument."""
-        return not self.constants and not self.other
+        return not self.needs
 
     def does_more_than(self, other: Proposal) -> bool:
         """Whether it does more than another by a part of what it does, and by more than both err."""
@@ -240,7 +245,8 @@ class NextExperiment:
         """Return the best of some proposals, `most` of them, one that leaves the rig as it is among them.
 
         Those that are worth the measurement come first. What needs a changed rig or another instrument is left out
-        unless it does more than what needs neither, or is worth the measurement alone.
+        unless it does more than what needs neither, or is worth the measurement alone. A second one of what needs the
+        same is there only where what needs something else leaves room.
         """
         every = cls(purpose.say(PLAIN), list(found), purpose, weak)
         worth = every.worth_measuring
@@ -249,7 +255,9 @@ class NextExperiment:
         here = next((p for p in ranked if p.as_it_is), None)
         if here:
             ranked = [p for p in ranked if p.as_it_is or p.does_more_than(here) or worth(p) > worth(here)]
-        return replace(every, proposals=_first(ranked, most, lambda p: p.as_it_is))
+        best = _best_of_each_need(ranked, lambda p: p.needs)
+        chosen = sorted(ranked, key=lambda p: (p is not here, p not in best))[:most]
+        return replace(every, proposals=[p for p in ranked if p in chosen])
 
     @property
     def separates(self) -> bool:
@@ -444,17 +452,18 @@ def explaining(
 
 
 def best_of(possible: Sequence[Possible], separation: Sequence[float] | FloatArray, n: int) -> list[int]:
-    """Indices of those worth a closer look, best first."""
+    """Indices of those worth a closer look, best first: the first `n`, and the best of what each needs."""
     order = sorted(range(len(possible)), key=lambda k: -separation[k])
-    return _first(order, n, lambda k: possible[k].as_it_is)
+    kept = {*order[:n], *_best_of_each_need(order, lambda k: possible[k].needs)}
+    return [k for k in order if k in kept]
 
 
-def _first(ranked: Sequence[_Item], n: int, unchanged: Callable[[_Item], bool]) -> list[_Item]:
-    """The first `n`; the last gives way to one that needs nothing new, since nothing need be built for it."""
-    best = list(ranked[:n])
-    if not any(map(unchanged, best)):
-        best[-1:] = [p for p in ranked[n:] if unchanged(p)][:1] or best[-1:]
-    return best
+def _best_of_each_need(ranked: Sequence[_Item], needs: Callable[[_Item], tuple[str, ...]]) -> list[_Item]:
+    """The first of what each needs, in their order."""
+    found: dict[tuple[str, ...], _Item] = {}
+    for one in ranked:
+        found.setdefault(needs(one), one)
+    return list(found.values())
 
 
 def weakly_determined(best_model: Candidate, draws: ImportanceSample, *, share: float = 0.5) -> list[int]:

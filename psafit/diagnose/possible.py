@@ -63,9 +63,9 @@ class Possible:
     other: bool = False
 
     @property
-    def as_it_is(self) -> bool:
-        """Whether it needs neither another rig nor another instrument."""
-        return not self.changed and not self.other
+    def needs(self) -> tuple[str, ...]:
+        """What has to be had for it: constants that are changed, and an observable that was not read before."""
+        return (*sorted(self.changed), *([OBSERVABLES[self.design.measured[0]].name] if self.other else []))
 
     def reading(self, measured: int, usual: int, read: Collection[int]) -> Possible:
         """Return the measurement with an observable read; what is said of the usual one is no more if it was `read`."""

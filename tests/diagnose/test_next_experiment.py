@@ -186,7 +186,27 @@ def test_one_proposal_leaves_the_rig_as_it_is(sound):
     kept = next_experiment.best_of(
         possible, [bool(p.changed) + rng.random() / 2 for p in possible], ProposalSettings.closer
     )
-    assert [not possible[k].changed for k in kept] == [False] * 11 + [True]
+    assert [not possible[k].changed for k in kept] == [False] * 12 + [True]
+
+
+def test_the_best_of_what_each_needs_is_looked_at_and_listed(sound):
+    """Five traces of one launch are one idea; whoever has no vibrometer hangs another ball."""
+    possible = next_experiment.possible_measurements(sound, TraceSettings())
+    worth = [1.0 + 0.01 * k if p.design.traced.any() else 0.01 for k, p in enumerate(possible)]
+    kept = next_experiment.best_of(possible, worth, 4)
+    assert all(possible[k].design.traced.any() for k in kept[:4])
+    assert sorted({possible[k].needs for k in kept}) == sorted({p.needs for p in possible})
+    here = next_experiment.Proposal("here", "sine", [1.0], [1.0], {}, 0.2, None, 0.01)
+    ball = replace(here, text="ball", constants={"M": 0.002}, separation=0.5)
+    traces = [
+        replace(here, text=f"{k}", other=True, observable="velocity", time_us=[1.0, 2.0], separation=1.0 - 0.01 * k)
+        for k in range(6)
+    ]
+    purpose = next_experiment.Purpose("narrow", parameter="c_c")
+    found = next_experiment.NextExperiment.of([*traces, ball, here], purpose)
+    assert [p.text for p in found.proposals] == ["0", "1", "2", "ball", "here"]
+    two = next_experiment.NextExperiment.of([*traces, ball, here], purpose, most=1)
+    assert [p.text for p in two.proposals] == ["here"]
 
 
 def test_what_is_worth_its_measurement_comes_before_what_is_not():
