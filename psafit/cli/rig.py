@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,7 +31,7 @@ from psafit.errors import InputError
 from psafit.text import count, fixed
 
 if TYPE_CHECKING:
-    from psafit.diagnose.isolability import Isolability
+    from psafit.diagnose.isolability import AlsoRead, Isolability, Shown
     from psafit.experiment import GroupId
 
 
@@ -132,6 +132,11 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
         without = idle(terms, read.groups)
         if unseen := [id for id in found.unseen if id not in without]:
             click.echo(f"would not be seen: {', '.join(unseen)}")
+        titles = {o.name: o.titles for o in OBSERVABLES}
+        for one in found.shown:
+            click.echo(f"  {', '.join(one.causes)}: seen by {_measured(one, titles)}")
+        if rest := [id for id in unseen if not any(id in one.causes for one in found.shown)]:
+            click.echo(f"  {', '.join(rest)}: by nothing that was tried")
         say_idle(without)
         for id, others in found.taken_for.items():
             click.echo(f"{id} may be taken for {', '.join(others)}")
@@ -141,15 +146,22 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
                 what = "are separated by" if s.splits else "none separates all; the best is"
                 click.echo(f"  {what} {s.readings} readings, {s.text} (the closest pair by {fixed(s.nats, 1)} nats)")
             if (other := block.also) is not None:
-                titles = {o.name: o.titles for o in OBSERVABLES}[other.observable]
                 pairs = "them all" if other.splits else ", ".join(" from ".join(pair) for pair in other.pairs)
-                what = other.trace.text if other.trace else f"{titles}, read of the same launches"
-                click.echo(f"  {what}, would distinguish {pairs}")
+                click.echo(f"  {_measured(other, titles)}, would distinguish {pairs}")
         for line in _confounded_pairs(found):
             click.echo(line)
         if plot is not None:
             click.echo(f"picture: {shown_path(plot)}")
     return DONE
+
+
+def _measured(what: Shown | AlsoRead, titles: Mapping[str, str]) -> str:
+    """A further measurement, in words."""
+    from psafit.diagnose.isolability import Shown
+
+    if isinstance(what, Shown) and what.sweep is not None:
+        return f"{what.sweep.readings} readings more, {what.sweep.text}"
+    return what.trace.text if what.trace else f"{titles[what.observable or '']}, read of the same launches"
 
 
 def _confounded_pairs(found: Isolability, most: int = 3) -> list[str]:

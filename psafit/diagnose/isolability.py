@@ -92,22 +92,17 @@ class ConfoundedPair:
 
 
 @dataclass(frozen=True)
-class Split:
-    """The cheapest sweep that distinguishes the causes of a block.
+class Sweep:
+    """A further sweep.
 
     Parameters
     ----------
     text : str
-        The sweep.
     readings : int
     waveform : str
     frequency_hz, amplitude_v : list of float
     drive : dict
         What else the drive has: see `psafit.diagnose.next_experiment.Proposal`.
-    nats : float
-        By which the pair of the block that is hardest to distinguish is reported, with this sweep and what is planned.
-    splits : bool
-        Whether every pair is reported; else the sweep is the best of those that the rig allows.
     """
 
     text: str
@@ -116,6 +111,27 @@ class Split:
     frequency_hz: list[float]
     amplitude_v: list[float]
     drive: dict[str, Any]
+
+    @classmethod
+    def of(cls, possible: Possible, points: NDArray[np.intp] | slice = slice(None)) -> Sweep:
+        """Some readings of a sweep that the rig allows."""
+        d = possible.design
+        drive, f, v = d.drives[d.drive[0]], d.frequency[points].tolist(), d.amplitude[points].tolist()
+        return cls(possible.text, len(f), drive.waveform, f, v, drive.settings)
+
+
+@dataclass(frozen=True)
+class Split(Sweep):
+    """The cheapest sweep that distinguishes the causes of a block.
+
+    Parameters
+    ----------
+    nats : float
+        By which the pair of the block that is hardest to distinguish is reported, with this sweep and what is planned.
+    splits : bool
+        Whether every pair is reported; else the sweep is the best of those that the rig allows.
+    """
+
     nats: float
     splits: bool
 
@@ -130,7 +146,7 @@ class TracedLaunch:
     waveform : str
     frequency_hz, amplitude_v : float
     drive : dict
-        As of `Split`.
+        As of `Sweep`.
     time_us : list of float
         Samples, from the start of the drive.
     """
@@ -176,6 +192,28 @@ class AlsoRead:
 
 
 @dataclass(frozen=True)
+class Shown:
+    """Causes that the design does not show, and what would: a further sweep, another observable, or a trace of it.
+
+    Parameters
+    ----------
+    causes : list of str
+    nats : list of float
+        By which readings that each of them has made then speak against the baseline.
+    sweep : Sweep, optional
+    observable : str, optional
+        Read of every launch that is planned, or along the trace.
+    trace : TracedLaunch, optional
+    """
+
+    causes: list[str]
+    nats: list[float]
+    sweep: Sweep | None = field(default=None, metadata=ABSENT)
+    observable: str | None = field(default=None, metadata=ABSENT)
+    trace: TracedLaunch | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True)
 class Block:
     """Causes that are confounded, and what would split them.
 
@@ -210,6 +248,8 @@ class Isolability:
         By which readings of the row's cause speak against the column's, both after a refit of the parameters.
     unseen : list of str
         Causes that the design would not show; they are in no block.
+    shown : list of Shown
+        What would show these, the cheapest first; those that nothing shows that is tried are left out.
     pairs : list of ConfoundedPair
         Two causes that one other one may be had for, and causes that a pair may be had for which neither of it is.
     taken_for : dict
@@ -225,6 +265,7 @@ class Isolability:
     seen: list[float]
     nats: list[list[float]]
     unseen: list[str]
+    shown: list[Shown]
     pairs: list[ConfoundedPair]
     taken_for: dict[str, list[str]]
     blocks: list[Block]
@@ -372,7 +413,9 @@ def isolability(
     visible = [id for id, size in zip(ids, seen, strict=True) if size >= settings.apart]
     blocks = _blocks(ids, visible, nats, settings.apart)
     confounded = [t for t in catalogue if any(t.id in block for block in blocks)]
-    others = _others(constants, groups, limits, raw, at, confounded, settings) if confounded else []
+    hidden = [t for t in catalogue if t.id not in visible]
+    asked = [*confounded, *hidden]
+    others = _others(constants, groups, limits, raw, at, asked, settings) if asked else []
     split: list[Block] = []
     for k, block in enumerate(blocks):
         progress(k, len(blocks))
@@ -381,6 +424,7 @@ def isolability(
     return Isolability(
         title=title, readings=design.n_points, causes=ids, seen=seen, nats=nats,
         unseen=[id for id in ids if id not in visible],
+        shown=_shown(raw, sweeps, others, at, hidden, settings) if hidden else [],
         pairs=_pairs(visible, evidence_against, settings.apart),
         taken_for={
             i: near for i in visible
@@ -490,18 +534,59 @@ def _cheapest(
     best: Split | None = None
     for n in settings.readings:
         for sweep, more in zip(sweeps, further, strict=True):
-            d = sweep.design
-            points = np.unique(np.linspace(0, d.n_points - 1, n).round().astype(int))
+            points = np.unique(np.linspace(0, sweep.design.n_points - 1, n).round().astype(int))
             effects = [b.with_part(m, points).refitted() for b, m in zip(before, more, strict=True)]
             least = min(
                 float(np.median([one.against([a], [b], settings) for one in effects]))
                 for a, b in itertools.permutations(ids, 2)
             )
             if best is None or least > best.nats:
-                drive = d.drives[d.drive[0]]
-                f, v = d.frequency[points].tolist(), d.amplitude[points].tolist()
-                apart = least >= settings.apart
-                best = Split(sweep.text, points.size, drive.waveform, f, v, drive.settings, least, apart)
+                best = Split(**vars(Sweep.of(sweep, points)), nats=least, splits=least >= settings.apart)
         if best is not None and best.splits:
             return best
     return best
+
+
+def _shown(
+    planned: Sequence[Effects],
+    sweeps: Sequence[Possible],
+    others: Sequence[_Other],
+    places: Sequence[FloatArray],
+    terms: Sequence[Term],
+    settings: IsolabilitySettings,
+) -> list[Shown]:
+    """What shows causes that the design does not, the cheapest first: sweeps, then other observables, then traces.
+
+    Of each kind first what shows most of them, then what shows most of the rest.
+    """
+    ids = [t.id for t in terms]
+    before = [one.of(ids) for one in planned]
+    further: list[tuple[Shown, Sequence[Effects]]] = []
+    for sweep in sweeps:
+        every = np.arange(sweep.design.n_points)
+        more = (Effects.at(sweep.design, theta, terms, settings) for theta in places)
+        effects = [b.with_part(m, every).refitted() for b, m in zip(before, more, strict=True)]
+        further.append((Shown([], [], sweep=Sweep.of(sweep)), effects))
+    also = [(Shown([], [], observable=one.name), one.effects) for one in others if one.trace is None]
+    traced = [
+        (Shown([], [], observable=one.name, trace=TracedLaunch.of(one.trace)), one.effects)
+        for one in others
+        if one.trace
+    ]
+    found, left = [], ids
+    for kind in (further, also, traced):
+        seen = [
+            {id: float(np.median([one.against([id], [], settings) for one in effects])) for id in ids}
+            for _, effects in kind
+        ]
+        while left and kind:
+            what, nats = max(
+                zip((one for one, _ in kind), seen, strict=True),
+                key=lambda each: sum(each[1][id] >= settings.apart for id in left),
+            )
+            causes = [id for id in left if nats[id] >= settings.apart]
+            if not causes:
+                break
+            found.append(replace(what, causes=causes, nats=[nats[id] for id in causes]))
+            left = [id for id in left if id not in causes]
+    return found

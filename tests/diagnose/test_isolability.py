@@ -146,6 +146,35 @@ def test_a_trace_that_would_distinguish_causes_is_named():
     assert not whole.blocks and min(whole.nats[0][1], whole.nats[1][0]) == pytest.approx(block.also.nats, rel=1e-6)
 
 
+def test_what_would_show_an_unseen_cause_shows_it():
+    """Each cause once, by the cheapest measurement with which the design shows it; what nothing shows is left out."""
+    e, causes = experiment(n=8), terms(["field_dependent_d33", "stack_stiffness", "stroke_tolerance", "swing_drag"])
+    how = {"places": [RIGS["study"]]}
+    found = isolability("a rig", e.constants, e.groups, (), causes, **how)
+    named = [id for one in found.shown for id in one.causes]
+    assert len(named) == len({*named}) and {*named} < {*found.unseen} and "swing_drag" not in named
+    kinds = ["sweep" if one.sweep else "trace" if one.trace else "observable" for one in found.shown]
+    assert kinds == ["sweep", "observable", "trace"]
+    for one in found.shown:
+        if one.sweep is not None:
+            f, v = np.array(one.sweep.frequency_hz), np.array(one.sweep.amplitude_v)
+            more = [*e.groups, Conditions("t", one.sweep.waveform, "", f, v)]
+        elif one.trace is not None:
+            n, t = len(one.trace.time_us), one.trace
+            kind = next(k for k, o in enumerate(OBSERVABLES) if o.name == one.observable)
+            more = [*e.groups, Conditions(
+                "t", t.waveform, "", np.full(n, t.frequency_hz), np.full(n, t.amplitude_v),
+                time_us=np.array(t.time_us), measured=np.full(n, kind),
+            )]  # fmt: skip
+        else:
+            kind = next(k for k, o in enumerate(OBSERVABLES) if o.name == one.observable)
+            more = read_of(e, (0, kind)).groups
+        whole = isolability("a rig", e.constants, more, (), causes, **how)
+        seen = [whole.seen[whole.causes.index(id)] for id in one.causes]
+        assert seen == pytest.approx(one.nats, rel=1e-6) and min(seen) >= found.settings.apart
+        assert not {*one.causes} & {*whole.unseen}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("pair", "strength", "other"), TIES, ids=lambda x: getattr(x, "name", None))
 def test_refits_lose_by_that_observable_what_ranges_leave(pair, strength, other):
