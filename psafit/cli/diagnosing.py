@@ -212,12 +212,21 @@ def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: in
 
 def _say_after(result: Diagnosis, experiment: Path, folder: Path, page: Path | None) -> None:
     """Print where the page is, if there is one, and how the proposed measurement becomes a folder for its readings."""
+    from psafit.diagnose.record.models import UNSEEN
+
     if page is not None:
         click.echo(f"report: {shown_path(page)}")
     if result.next_experiment.recommended:
         plan = ["psafit", "plan", folder, "--out", f"{experiment.resolve().name}-next", *plugin_words()]
-        typed = (shown_path(from_here(word) if isinstance(word, Path) else str(word)) for word in plan)
-        click.echo(f"what to measure next, as a folder: {shlex.join(typed)}")
+        click.echo(f"what to measure next, as a folder: {_typed(plan)}")
+    if any(s.verdict == UNSEEN for s in result.screening):
+        plan = ["psafit", "plan", experiment, "--isolability", *plugin_words()]
+        click.echo(f"what would show causes that could not have been seen: {_typed(plan)}")
+
+
+def _typed(command: Sequence[object]) -> str:
+    """A command as it is typed."""
+    return shlex.join(shown_path(from_here(word) if isinstance(word, Path) else str(word)) for word in command)
 
 
 def share_text(fraction: float) -> str:

@@ -14,6 +14,7 @@ from sensors import SENSOR
 
 import psafit.diagnose
 from psafit import plugins
+from psafit.cli.common import shown_path
 from psafit.cli.diagnosing import say_diagnosis
 from psafit.diagnose.answer import sentences
 from psafit.errors import InputError
@@ -39,20 +40,25 @@ def test_a_diagnosis_without_its_page_was_interrupted(known_folder, tmp_path, mo
 
 
 @pytest.mark.parametrize(
-    ("options", "proposed", "printed"),
+    ("options", "proposed", "unseen", "printed"),
     [
-        ([], True, ["report: ", "what to measure next, as a folder: "]),
-        (["--no-report"], True, ["what to measure next, as a folder: "]),
-        ([], False, ["report: "]),
-        (["--quiet"], True, []),
+        ([], True, False, ["report: ", "what to measure next, as a folder: "]),
+        (["--no-report"], True, False, ["what to measure next, as a folder: "]),
+        ([], False, False, ["report: "]),
+        ([], False, True, ["report: ", "what would show causes that could not have been seen: "]),
+        (["--quiet"], True, True, []),
     ],
 )
-def test_the_last_lines_say_where_to_go_on(known_folder, tmp_path, monkeypatch, capsys, options, proposed, printed):  # type: ignore[no-untyped-def]
+def test_the_last_lines_say_where_to_go_on(
+    known_folder, tmp_path, monkeypatch, capsys, options, proposed, unseen, printed
+):  # type: ignore[no-untyped-def]
     from psafit.report import diagnosis as pages
 
     record, out = make_record(make_experiment()), tmp_path / "an answer"
     if not proposed:
         record = replace(record, next_experiment=replace(record.next_experiment, proposals=[]))
+    word = "could not have been seen" if unseen else "not present"
+    record = replace(record, screening=[replace(s, verdict=word) for s in record.screening])
     monkeypatch.setattr(psafit.diagnose, "diagnose", lambda *args, **options: record)
     monkeypatch.setattr(pages, "write_diagnosis", lambda *args: out / "diagnosis.html")
     monkeypatch.chdir(tmp_path)
@@ -60,12 +66,17 @@ def test_the_last_lines_say_where_to_go_on(known_folder, tmp_path, monkeypatch, 
     own.write_text(SENSOR)
     monkeypatch.setattr(plugins, "files", lambda: (own,))
     assert run(monkeypatch, "diagnose", known_folder, "--out", out, *options) == 0
-    heads = ("report: ", "what to measure next, as a folder: ")
+    heads = (
+        "report: ", "what to measure next, as a folder: ", "what would show causes that could not have been seen: "
+    )  # fmt: skip
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith(heads)]
     assert [next(head for head in heads if line.startswith(head)) for line in lines] == printed
     if heads[1] in printed:
         words = ["psafit", "plan", "an answer", "--out", "known-next", "--plugin", "a cause.py"]
         assert shlex.split(lines[-1].removeprefix(heads[1])) == words
+    if heads[2] in printed:
+        words = ["psafit", "plan", shown_path(known_folder), "--isolability", "--plugin", "a cause.py"]
+        assert shlex.split(lines[-1].removeprefix(heads[2])) == words
 
 
 @pytest.mark.slow
