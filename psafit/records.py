@@ -437,6 +437,9 @@ class GroupScore:
         Whether the probability integral transforms are uniform.
     drift_p_value : float
         Whether neighbours in the sweep err to one side more than they should.
+    coverage_p_value : float
+        Share of groups simulated from the posterior, each from one draw, of which as few readings lie in the 90 %
+        interval (as many, where more than usual do); NaN where none was simulated.
     informative : bool
         Whether a prediction can fail here: the drive is on, and some readings are above zero. Others enter no mean.
     verdict : str
@@ -457,6 +460,7 @@ class GroupScore:
     elpd_per_point: float
     pit_p_value: float
     drift_p_value: float
+    coverage_p_value: float
     informative: bool
     verdict: str
     observable: str | None = dataclasses.field(default=None, metadata=ABSENT)
@@ -533,7 +537,7 @@ class Validation(Brief):
 
     `holdout_log_rmse` is the mean over the informative groups that were held out, None without any; `laws` are those
     that the model breaks at its best values (`psafit.inference.laws`); `all_groups` is None where no test of all of
-    them was possible.
+    them was possible. `coverage_p_value` is that of all groups held out together, as of `GroupScore`.
     """
 
     _in_repr = ("holdout_log_rmse", "n_draws", "seed")
@@ -546,6 +550,7 @@ class Validation(Brief):
     pit: dict[str, list[float]]
     laws: list[Broken] = field(default_factory=list)
     all_groups: Retested | None = None
+    coverage_p_value: float = math.nan
 
 
 def plain(value: Any) -> Any:

@@ -89,6 +89,8 @@ class Prediction:
     pit_p_value, drift_p_value : float
         Share of groups simulated from the posterior whose PIT is as far from uniform, and as correlated between
         neighbours in the sweep; NaN where too few readings are above zero, or nothing drives them.
+    inside : (n_simulated,) array
+        Readings of each of these groups that lie in the central 90 %; empty where the p values are NaN.
     """
 
     group: Group
@@ -105,6 +107,7 @@ class Prediction:
     pit: FloatArray
     pit_p_value: float
     drift_p_value: float
+    inside: FloatArray
 
 
 def log_ratio(
@@ -313,12 +316,16 @@ def _predicted(
     pit = np.where(group.reading > group.floor, pit, pit * chance.uniform(size=pit.size))
     # What is met more closely than any instrument reads says nothing of a band.
     quiet = noise.too_fine(np.median(scatter, axis=0)[None], ndtri(np.clip(pit, 1e-9, 1 - 1e-9)), LEVEL)
-    pit_p_value, drift_p_value = math.nan, math.nan
+    pit_p_value, drift_p_value, inside = math.nan, math.nan, np.empty(0)
+    # A reading is never negative; the law's tail below zero is the reading zero.
+    lower, upper = np.maximum(quantiles[0], group.floor), quantiles[3]
     if not (quiet or why_uninformative(group)):
         more = -(-n_simulated // len(draws)) - 1
         others = [noise.draw(ranges, scatter, group.sigma, chance) for _ in range(more)]
         simulated = np.concatenate([readings, *others])
-        pit_p_value, drift_p_value = p_values(group, pit, _transforms(group, simulated, ranges, scatter))
+        transforms = _transforms(group, simulated, ranges, scatter)
+        pit_p_value, drift_p_value = p_values(group, pit, transforms)
+        inside = _held(group, np.maximum(simulated, group.floor), lower, upper, transforms).sum(axis=-1).astype(float)
     model_lower, median, model_upper = np.quantile(ranges, [0.05, 0.5, 0.95], axis=0)
     return Prediction(
         group=group,
@@ -326,9 +333,8 @@ def _predicted(
         median=median,
         model_lower=model_lower,
         model_upper=model_upper,
-        # A reading is never negative; the law's tail below zero is the reading zero.
-        lower=np.maximum(quantiles[0], group.floor),
-        upper=quantiles[3],
+        lower=lower,
+        upper=upper,
         lower_50=np.maximum(quantiles[1], group.floor),
         upper_50=quantiles[2],
         log_density=logsumexp(density, axis=0) - math.log(len(draws)),
@@ -336,7 +342,20 @@ def _predicted(
         pit=pit,
         pit_p_value=pit_p_value,
         drift_p_value=drift_p_value,
+        inside=inside,
     )
+
+
+def _held(
+    group: Group, readings: FloatArray, lower: FloatArray, upper: FloatArray, pit: FloatArray, share: float = 0.9
+) -> NDArray[np.bool_]:
+    """Which readings, of one set or many, lie in a central share of the law, whose ends are given.
+
+    Neighbours of a trace are in it together, or out of it: each given those before is what counts.
+    """
+    if group.observable.traced:
+        return np.asarray(np.abs(pit - 0.5) <= 0.5 * share)
+    return (readings >= lower) & (readings <= upper)
 
 
 def without_each(problem: Problem, draws: FloatArray, group_ids: Sequence[GroupId]) -> dict[str, FloatArray]:
@@ -370,22 +389,25 @@ def why_uninformative(group: Group, least: int = 3) -> str:
 
 
 def scores_of(predictions: Sequence[Prediction]) -> list[GroupScore]:
-    """Scores of all groups; drifts are judged as `trends` does."""
+    """Scores of all groups; drifts and bands are judged at one level, whatever the number of groups."""
     return [score(p, looks=_looks(predictions, p.role)) for p in predictions]
 
 
 def score(prediction: Prediction, *, looks: int = 1) -> GroupScore:
-    """Scores of one group; its errors are one of so many `looks` for a drift."""
+    """Scores of one group; its errors and its band are one of so many `looks`."""
     measured = prediction.group.reading
     read = prediction.group.observable
     error = log_ratio(prediction.median, measured, *read.metric)
     silent = why_uninformative(prediction.group)
     silenced = f"says nothing of the model: {silent}; left out of every mean" if silent else ""
-    inside_50 = (measured >= prediction.lower_50) & (measured <= prediction.upper_50)
-    inside_90 = (measured >= prediction.lower) & (measured <= prediction.upper)
-    if read.traced:  # neighbours are in the band together, or out of it: each given those before is what counts
-        inside_50, inside_90 = (np.abs(prediction.pit - 0.5) <= 0.5 * share for share in (0.5, 0.9))
+    inside_50 = _held(prediction.group, measured, prediction.lower_50, prediction.upper_50, prediction.pit, share=0.5)
+    inside_90 = _inside(prediction)
     held, fitted = float(np.mean(inside_90)), prediction.role == "fit"
+    uniform, drift, chance = (
+        prediction.pit_p_value, prediction.drift_p_value, _as_odd(inside_90.sum(), prediction.inside)
+    )  # fmt: skip
+    said = verdict(error, held, uniform, drift, coverage_p_value=chance, fitted=fitted, looks=looks)
+    band = _band(held, measured.size, uniform, chance, looks)
     return GroupScore(
         group=prediction.group.id,
         observable=recorded_name(read),
@@ -399,13 +421,34 @@ def score(prediction: Prediction, *, looks: int = 1) -> GroupScore:
         crps=float(np.mean(prediction.crps)),
         elpd=float(np.sum(prediction.log_density)),
         elpd_per_point=float(np.mean(prediction.log_density)),
-        pit_p_value=prediction.pit_p_value,
-        drift_p_value=prediction.drift_p_value,
+        pit_p_value=uniform,
+        drift_p_value=drift,
+        coverage_p_value=chance,
         informative=not silent,
-        verdict=silenced
-        or verdict(error, held, prediction.pit_p_value, prediction.drift_p_value, fitted=fitted, looks=looks),
-        size="says nothing" if silent else size_of(root_mean_square(error), held, measured.size, fitted=fitted),
+        verdict=silenced or said,
+        size="says nothing" if silent else size_of(root_mean_square(error), band, measured.size, fitted=fitted),
     )
+
+
+def _inside(prediction: Prediction) -> NDArray[np.bool_]:
+    """Which readings lie in the central 90 %."""
+    p = prediction
+    return _held(p.group, p.group.reading, p.lower, p.upper, p.pit)
+
+
+def _as_odd(inside: float, simulated: FloatArray) -> float:
+    """Chance of a count as far to its side of the median as `inside`; NaN where nothing was simulated."""
+    few, many = ((1 + np.sum(side)) / (1 + simulated.size) for side in (simulated <= inside, simulated >= inside))
+    return float(min(few, many)) if simulated.size else math.nan
+
+
+def _of_all(predictions: Sequence[Prediction]) -> float:
+    """Chance that the bands of all groups which were held out hold as few readings together, or as many.
+
+    Groups that are simulated from one draw share its errors.
+    """
+    unseen = [p for p in predictions if p.role == "holdout" and p.inside.size]
+    return _as_odd(sum(_inside(p).sum() for p in unseen), np.sum([p.inside for p in unseen], axis=0))
 
 
 def _factor(error: float) -> str:
@@ -440,7 +483,7 @@ def trends(scores: Sequence[GroupScore]) -> list[GroupScore]:
 
 
 def _looks(found: Sequence[GroupScore] | Sequence[Prediction], role: str) -> int:
-    """How many groups of a role were looked at for a drift of their errors."""
+    """How many groups of a role were tested."""
     return sum(math.isfinite(one.drift_p_value) for one in found if one.role == role)
 
 
@@ -460,7 +503,7 @@ def predicts(validation: Validation) -> tuple[Predicts, list[GroupScore]]:
         return "roughly" if mean <= FAIR else "no", []
     if off := _off(unseen):
         return "not everywhere", off
-    if too_narrow(unseen):
+    if too_narrow(validation):
         return "too sure", []
     if narrow := _of_band("narrow", unseen):
         return "too sure", narrow
@@ -477,7 +520,7 @@ def caution(validation: Validation) -> str:
     if drifting(validation):
         return "the errors of what was fitted drift"
     unseen = _unseen(validation.groups)
-    if unseen and too_narrow(unseen):
+    if too_narrow(validation):
         return "its 90 % band holds too few of the unseen readings"
     if narrow := _of_band("narrow", unseen):
         return f"its 90 % band holds too few of the readings of unseen group {_ids(narrow)}"
@@ -517,15 +560,25 @@ def _unseen(scores: Iterable[GroupScore]) -> list[GroupScore]:
     return [s for s in scores if s.role == "holdout" and s.informative]
 
 
-def _of_band(band: str, scores: Iterable[GroupScore]) -> list[GroupScore]:
-    return [s for s in scores if _band(s.coverage_90, s.n_points, s.pit_p_value) == band]
+def _of_band(band: str, scores: Sequence[GroupScore]) -> list[GroupScore]:
+    looks = sum(math.isfinite(s.coverage_p_value) for s in scores)
+    return [s for s in scores if band == _band(s.coverage_90, s.n_points, s.pit_p_value, s.coverage_p_value, looks)]
 
 
-def _band(coverage: float, n: int, pit_p_value: float) -> Literal["", "narrow", "wide"]:
-    """Whether a band holds fewer readings than chance allows, or more of which the PIT is not uniform; if n suffice."""
-    if n < JUDGED or abs(coverage - 0.9) <= _slack(n):
+Band = Literal["", "narrow", "wide"]
+"""What is wrong with a band of 90 %."""
+
+
+def _band(coverage: float, n: int, pit_p_value: float, coverage_p_value: float, looks: int) -> Band:
+    """Whether a band holds fewer readings than chance allows, or all but a few and the PIT is not uniform.
+
+    If there are readings enough; chance finds any of so many `looks` in one case of a hundred.
+    """
+    if n < JUDGED:
         return ""
-    return "narrow" if coverage < 0.9 else "wide" if pit_p_value < LEVEL else ""
+    if coverage < 0.9:
+        return "narrow" if coverage_p_value * looks < LEVEL else ""
+    return "wide" if coverage > 0.9 + _slack(n) and pit_p_value * looks < LEVEL else ""
 
 
 def _off(scores: Iterable[GroupScore]) -> list[GroupScore]:
@@ -543,9 +596,10 @@ def coverage(scores: Sequence[GroupScore]) -> float:
     return sum(s.coverage_90 * s.n_points for s in scores) / sum(s.n_points for s in scores)
 
 
-def too_narrow(scores: Sequence[GroupScore]) -> bool:
-    """Whether the 90 % band holds fewer readings of some groups than chance allows."""
-    return coverage(scores) < 0.9 - _slack(sum(s.n_points for s in scores))
+def too_narrow(validation: Validation) -> bool:
+    """Whether the 90 % band holds fewer readings of all unseen groups together than chance allows."""
+    unseen = _unseen(validation.groups)
+    return bool(unseen) and coverage(unseen) < 0.9 and validation.coverage_p_value < LEVEL
 
 
 def _slack(n: int) -> float:
@@ -553,11 +607,11 @@ def _slack(n: int) -> float:
     return 2 * math.sqrt(0.9 * 0.1 / n)
 
 
-def size_of(log_rmse: float, coverage: float, n: int, *, fitted: bool) -> Size:
+def size_of(log_rmse: float, band: Band, n: int, *, fitted: bool) -> Size:
     """How well a group is met, in a word or two: by its error, and by whether its band could be judged and holds."""
     if log_rmse > GOOD:
         return "roughly followed" if log_rmse <= FAIR else "missed"
-    if n < JUDGED or coverage < 0.9 - _slack(n):
+    if n < JUDGED or band == "narrow":
         return "followed closely"
     return "fitted well" if fitted else "predicted well"
 
@@ -568,16 +622,17 @@ def verdict(
     pit_p_value: float,
     drift_p_value: float,
     *,
+    coverage_p_value: float = math.nan,
     fitted: bool = False,
     looks: int = 1,
 ) -> str:
     """One plain sentence about a group, from its log errors and the scores of its band, and whether it was fitted.
 
-    Of so many `looks` for a drift chance finds any in one case of a hundred.
+    Of so many `looks` chance finds any drift in one case of a hundred, and any band that is too narrow.
     """
     rmse, n = root_mean_square(error), error.size
-    band = _band(coverage, n, pit_p_value)
-    size = size_of(rmse, coverage, n, fitted=fitted)
+    band = _band(coverage, n, pit_p_value, coverage_p_value, looks)
+    size = size_of(rmse, band, n, fitted=fitted)
     worst = int(np.argmax(np.abs(error)))
     ruled = n > 2 and error[worst] ** 2 > 0.5 * np.sum(error**2)
     factor = _factor(rmse)
@@ -591,7 +646,7 @@ def verdict(
         parts.append(f"its 90 % band holds only {fixed(coverage, per_cent=True)} % of the readings")
     elif band == "wide":
         parts.append(f"its 90 % band is too wide ({fixed(coverage, per_cent=True)} % of the readings inside)")
-    elif pit_p_value < LEVEL:
+    elif pit_p_value * looks < LEVEL:
         parts.append("its 90 % band is wide enough, but the readings are not spread over it as predicted")
     elif not drifts:
         parts.append("nothing speaks against its band")
@@ -642,6 +697,7 @@ def scored(run: Run, n_draws: int = 1000, retest: Retest = lambda run: None) -> 
         pit={p.group.label: p.pit.tolist() for p in predictions},
         laws=broken(candidate_at(run.problem, run.problem.to_sampling(run.best)[None])),
         all_groups=retest(run),
+        coverage_p_value=_of_all(predictions),
     )
     return record, predictions
 

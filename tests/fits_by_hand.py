@@ -152,6 +152,7 @@ def make_predictions(run: Run) -> list[Prediction]:
                 pit=np.linspace(0.02, 0.6, y.size),
                 pit_p_value=0.04,
                 drift_p_value=0.002,
+                inside=np.random.default_rng(1).binomial(y.size, 0.9, 999).astype(float),
             )
         )
     return found

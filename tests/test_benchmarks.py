@@ -370,6 +370,6 @@ def test_a_green_page_with_values_that_are_off_is_counted() -> None:
         page([], "yes", "drift"),
     ]
     said = fit_pages.summary(done)
-    assert said[0] == "pages of 5 rigs with a hidden cause: 3 green"
+    assert said[0] == "pages of 5 rigs: 3 green; 1 too sure of what the fit has not seen"
     assert [row.partition(": ")[2].partition(" (")[0] for row in said[1:4]] == ["2 of 5", "1 of 5", "0 of 5"]
     assert said[4] == "not green, and one or more outside: 1 of 2"

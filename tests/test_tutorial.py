@@ -67,7 +67,7 @@ def test_the_picture_is_drawn_from_what_a_fit_writes(tmp_path: Path) -> None:
         made = []
         for g in read_experiment(tmp_path / "rig").groups:
             y, none = g.reading, np.zeros(g.n_points)
-            made.append(Prediction(g, role, y, y, y, 0.9 * y, 1.1 * y, y, y, none, none, none, 0.5, 0.5))
+            made.append(Prediction(g, role, y, y, y, 0.9 * y, 1.1 * y, y, y, none, none, none, 0.5, 0.5, none))
         write_predictions(tmp_path / run / "predictions.csv", made)
     TUTORIAL.draw(tmp_path, tmp_path / "picture.png")
     assert (tmp_path / "picture.png").stat().st_size > 10_000

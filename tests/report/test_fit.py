@@ -205,11 +205,11 @@ def test_a_fit_that_is_too_sure_does_not_predict(tmp_path):
     run = make_run(tmp_path)
     validation = make_validation(run, make_predictions(run))
     near = [replace(s, log_rmse=0.1, coverage_90=0.75, n_points=77, drift_p_value=0.5) for s in validation.groups]
-    narrow = replace(validation, groups=near, holdout_log_rmse=0.1)
+    narrow = replace(validation, groups=near, holdout_log_rmse=0.1, coverage_p_value=1e-4)
     assert fit.verdict_of(narrow) == {"text": "comes near, too sure", "kind": "warn"}
     text = fit.what_it_predicts(narrow)
     assert "Does it predict what it has not seen?" in text and "surer than it may be" in text and "dequate" not in text
-    honest = replace(narrow, groups=[replace(s, coverage_90=0.9) for s in near])
+    honest = replace(narrow, groups=[replace(s, coverage_90=0.9) for s in near], coverage_p_value=0.5)
     assert fit.verdict_of(honest) == {"text": "predicts", "kind": "good"}
     tested = replace(honest, all_groups=Retested("tests", 0.005, 199))
     assert fit.verdict_of(tested) == {"text": "predicts, values in doubt", "kind": "warn"}
