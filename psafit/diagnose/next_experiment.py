@@ -648,5 +648,7 @@ def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions
 
 
 def _settable(values: Sequence[float]) -> FloatArray:
-    """Six digits of each, between the least and the greatest."""
-    return np.clip([float(f"{x:.6g}") for x in values], min(values), max(values))
+    """Six digits of each; none is beyond the least and the greatest by more than the last digits of its computation."""
+    rounded, given = np.array([float(f"{x:.6g}") for x in values]), np.array(values)
+    within = np.clip(rounded, given.min(), given.max())
+    return np.where(np.isclose(rounded, within, rtol=1e-9, atol=0.0), rounded, within)

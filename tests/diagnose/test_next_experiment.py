@@ -289,6 +289,19 @@ def test_a_trace_is_proposed_with_its_launch_its_length_and_its_samples(sound, t
     assert [o.name for o in read.observables] == ["velocity"] and read.time_us == pytest.approx(time * 1e6, rel=1e-5)
 
 
+def test_planned_numbers_can_be_set_on_a_generator(sound):
+    """Digits that come from a computation go; an end that only they hold is no limit, another is."""
+    here = next_experiment.Proposal(
+        "x", "sine", [300.0] * 3, [11.840000000000002, 13.3333333333, 38.849999999999994], {}, 1.0, None, 0.1
+    )
+    plan = next_experiment.planned(here, "next", sound.problem.experiment)
+    assert plan.amplitude_v.tolist() == [11.84, 13.3333, 38.85]
+    plan = next_experiment.planned(
+        replace(here, amplitude_v=[2.0, 19.9999994, 19.99]), "next", sound.problem.experiment
+    )
+    assert plan.amplitude_v.max() == 19.9999994  # twenty is more than was allowed
+
+
 def test_samples_of_a_proposed_trace_count_with_their_correlation():
     """Densities are those of the likelihood, draw by draw; samples in between say little more."""
     rng, settings = np.random.default_rng(1), ProposalSettings(trials=400)

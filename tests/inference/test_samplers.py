@@ -61,6 +61,16 @@ def test_what_is_not_there_is_one_line() -> None:
     assert reported.value.remedy == "choose of emcee"
 
 
+def test_a_sampler_that_lacks_something_is_refused_before_it_draws(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    (tmp_path / "short.py").write_text(OWN.replace(", chained, checked", "").replace(", False, True", ""))
+    monkeypatch.setattr(samplers, "__path__", [*samplers.__path__, str(tmp_path)])
+    try:
+        with pytest.raises(InputError, match="sampler 'short' lacks chained, checked"):
+            sampler("short")
+    finally:
+        sys.modules.pop("psafit.inference.samplers.short", None)
+
+
 def test_a_sampler_is_one_file(known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing else is touched: a run draws by it, keeps its name and settings, is read back, and is watched."""
     (tmp_path / "own").mkdir()

@@ -25,8 +25,13 @@ def names() -> list[str]:
 
 
 def sampler(name: str) -> Sampler:
-    """The sampler of a name; `InputError` where there is none."""
+    """The sampler of a name; `InputError` where there is none, or where it lacks what a sampler has."""
     if name not in names():
         near = difflib.get_close_matches(name, names(), n=1)
         raise InputError(f"there is no sampler {name!r}", f"choose of {', '.join(near or names())}")
-    return cast("Sampler", importlib.import_module(f"{__name__}.{name}").SAMPLER)
+    from psafit.inference.sampling import Sampler
+
+    found = importlib.import_module(f"{__name__}.{name}").SAMPLER
+    if lacking := [part for part in vars(Sampler) if not part.startswith("_") and not hasattr(found, part)]:
+        raise InputError(f"sampler {name!r} lacks {', '.join(lacking)}", "psafit.inference.sampling.Sampler has them")
+    return cast(Sampler, found)
