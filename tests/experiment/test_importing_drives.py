@@ -59,6 +59,13 @@ def test_what_it_rested_at_is_recorded_or_given(tmp_path: Path) -> None:
     assert period.drive.idle_v == 9.0 and read(tmp_path, raised, start_us=500.0, period_us=1300.0).drive.idle_v == 0.0
 
 
+@pytest.mark.parametrize("name", ["Rest voltage", "Bias", "DC offset"])
+def test_what_a_drive_rests_at_is_no_recording_of_it(name: str, tmp_path: Path) -> None:
+    """Though it is the only column of volts: such a column had been read twice, as a setting and as the drive."""
+    with pytest.raises(InputError, match="no voltage_v of the drive among"):
+        read(tmp_path, scope(f"Time (ms);{name} (V)\n"))
+
+
 def test_samples_of_one_time_are_a_jump(tmp_path: Path) -> None:
     """Times that an instrument has rounded."""
     rounded = "Time (us);CH1 (V)\n" + "".join(f"{k // 2 * 100};{k}\n" for k in range(24))

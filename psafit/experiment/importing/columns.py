@@ -156,8 +156,12 @@ def choose_recording(grid: Grid, head: Head, options: Options) -> Chosen:
 
 
 def _recording(head: Head, mapped: Mapping[int, Column], name: str) -> list[Column]:
-    """The columns that may be time or voltage of a drive: by name, else by unit."""
-    others = [Column(k, h, name) for k, h in enumerate(head.headings) if k not in mapped]
+    """The columns that may be time or voltage of a drive: by name, else by unit; a bias or an idle voltage is none."""
+    others = [
+        Column(k, h, name)
+        for k, h in enumerate(head.headings)
+        if k not in mapped and not any(q.role == "drive" for q in h.quantities(head.units[k]))
+    ]
     of_unit = [c for c in others if (u := head.unit(c.place)) and u.kind == COLUMNS[name].unit]
     if name == VOLTAGE and (drives := [c for c in of_unit if not DRIVING.isdisjoint(c.heading.name.split())]):
         plain = [c for c in drives if c.heading.drives]
