@@ -44,6 +44,8 @@ sampler 63 and 30. `null`, a search where nothing is hidden, is half of one that
 docs/challenge.md; `nautilus` is a guess. (Measured with the search of version 0.1.0.) The searches are measured within
 the run before any of this is used.
 """
+OPEN = ("sample", "sampler")
+"""Parts that end by a rule of their own: what a chain takes is known from below, as its autocorrelation time is."""
 COUNTED = ("sample", "profile", "significance", "calibration")
 """Stages whose counts run from nought to the end."""
 
@@ -63,7 +65,7 @@ class Watcher(Protocol):
     def part(self, name: str, fraction: float | None = None) -> None:
         """Report which part of the whole this is, and how much of that is done where the stage's counts do not say."""
 
-    def whole(self, seconds: float | None) -> None:
+    def whole(self, seconds: float | None, *, at_least: bool = False) -> None:
         """Report the time left of the whole; None where nothing is known of it."""
 
 
@@ -79,7 +81,7 @@ class Silent:
     def part(self, name: str, fraction: float | None = None) -> None:
         """Do nothing."""
 
-    def whole(self, seconds: float | None) -> None:
+    def whole(self, seconds: float | None, *, at_least: bool = False) -> None:
         """Do nothing."""
 
 
@@ -142,21 +144,30 @@ class Forecast:
         self._worked = {name: self._plan[name] for name in self._spent if name in self._plan}
         self._part: str | None = None
         self._begun = 0.0
-        self._fraction: float | None = None
-        self._first: tuple[float, float] | None = None  # fraction and time of the first count of this session
+        self._reached: tuple[float, float] | None = None  # what is done, and the total as far as it is known
+        self._first: tuple[float, float] | None = None  # what was done at the first count of this session, and when
 
     def begin(self, part: str, now: float) -> None:
         """Begin a part; the one before it is done."""
         if self._part is not None:
             self._spent = self.seconds(now)
-            done = 1.0 - (self._first[0] if self._first and self._part not in self._earlier else 0.0)
+            found = self._first[0] if self._first and self._part not in self._earlier else 0.0
+            done = 1.0 - (found / self._reached[1] if self._reached else 0.0)
             self._worked[self._part] = self._plan.get(self._part, 0.0) * done
-        self._part, self._begun, self._fraction, self._first = part, now, None, None
+        self._part, self._begun, self._reached, self._first = part, now, None, None
 
-    def reach(self, fraction: float, now: float) -> None:
-        """Say how much of the part is done."""
-        self._first = self._first or (fraction, now)
-        self._fraction = max(fraction, self._fraction or 0.0)  # some read back what others have counted
+    def reach(self, done: float, now: float, total: float = 1.0) -> None:
+        """Say how much of the part is done; its total may grow."""
+        self._first = self._first or (done, now)
+        before = self._reached[0] if self._reached else 0.0
+        self._reached = max(done, before), total  # some read back what others have counted
+
+    @property
+    def is_open(self) -> bool:
+        """Whether what is left is known from below only."""
+        names = list(self._plan)
+        here = names.index(self._part) if self._part in names else 0
+        return any(name in OPEN for name in names[here:])
 
     def seconds(self, now: float) -> dict[str, float]:
         """Time spent on each part so far."""
@@ -175,9 +186,10 @@ class Forecast:
         spent, own = self.seconds(now)[self._part], None
         # A session that goes on where another stopped has not drawn what it finds; what that took may be on record.
         first, since = (0.0, now - spent) if self._part in self._earlier else self._first or (0.0, now)
-        if self._fraction is not None and self._fraction > first and now > since:
-            own = (now - since) * (1 - self._fraction) / (self._fraction - first)
-            took, worked = took + now - since, worked + self._plan[self._part] * (self._fraction - first)
+        if self._reached and self._reached[0] > first and now > since:
+            done, total = self._reached
+            own = (now - since) * (total - done) / (done - first)
+            took, worked = took + now - since, worked + self._plan[self._part] * (done - first) / total
         if not (took > 0 and worked > 0):
             return None
         pace = took / worked
@@ -245,18 +257,18 @@ class Reporter:
         """Report how far the stage is."""
         self._counts = done, total, note
         if total and self._stage in self._counted:
-            self._forecast.reach(done / total, time.monotonic())
+            self._forecast.reach(done, time.monotonic(), total)
         self._say()
         self._inner.update(done, total, note)
 
-    def whole(self, seconds: float | None) -> None:
+    def whole(self, seconds: float | None, *, at_least: bool = False) -> None:
         """Pass on what somebody else knows of the whole."""
-        self._inner.whole(seconds)
+        self._inner.whole(seconds, at_least=at_least)
 
     def _say(self, *, at_once: bool = False) -> None:
         now = time.monotonic()
         left = self._forecast.left(now)
-        self._inner.whole(left)
+        self._inner.whole(left, at_least=self._forecast.is_open)
         if at_once or now - self._written >= self._every:
             self._written = now
             seconds = {name: round(s, 3) for name, s in self._forecast.seconds(now).items()}

@@ -57,9 +57,10 @@ def counted(done: float, total: float | None, note: str) -> str:
     return note if total is None or total <= 1 else f"{done:.0f} of {total:.0f} {note}"
 
 
-def _left(seconds: float | None, what: str = "in all") -> str:
+def _left(seconds: float | None, what: str = "in all", *, at_least: bool = False) -> str:
     """What is left; nothing where that is not known, or an estimate has run out."""
-    return "" if seconds is None or round(seconds) < 1 else f"about {duration(seconds)} left {what}"
+    how = "at least" if at_least else "about"
+    return "" if seconds is None or round(seconds) < 1 else f"{how} {duration(seconds)} left {what}"
 
 
 def _end(seconds: float | None) -> float | None:
@@ -67,15 +68,15 @@ def _end(seconds: float | None) -> float | None:
     return None if seconds is None else time.monotonic() + seconds
 
 
-def _until(end: float | None) -> str:
-    return _left(None if end is None else end - time.monotonic())
+def _until(end: float | None, at_least: bool) -> str:
+    return _left(None if end is None else end - time.monotonic(), at_least=at_least)
 
 
 class _Whole(ProgressColumn):
     """What is left of the whole."""
 
     def render(self, task: Task) -> Text:
-        return Text(_until(task.fields["end"]))
+        return Text(_until(task.fields["end"], task.fields["at_least"]))
 
 
 class _Cut(TextColumn):
@@ -92,20 +93,21 @@ class _Bars(Silent):
         self._bars = bars
         self._task: TaskID | None = None
         self._end: float | None = None
+        self._at_least = False
 
     def stage(self, name: str) -> None:
         self.finish()
-        self._task = self._bars.add_task(TITLES[name], total=None, note="", end=self._end)
+        self._task = self._bars.add_task(TITLES[name], total=None, note="", end=self._end, at_least=self._at_least)
 
     def update(self, done: float, total: float | None, note: str = "") -> None:
         if self._task is not None:
             self._bars.tasks[self._task].total = total  # an update takes None for no news
             self._bars.update(self._task, completed=done, note=counted(done, total, note))
 
-    def whole(self, seconds: float | None) -> None:
-        self._end = _end(seconds)
+    def whole(self, seconds: float | None, *, at_least: bool = False) -> None:
+        self._end, self._at_least = _end(seconds), at_least
         if self._task is not None:
-            self._bars.update(self._task, end=self._end)
+            self._bars.update(self._task, end=self._end, at_least=at_least)
 
     def finish(self) -> None:
         if self._task is not None:
@@ -123,9 +125,10 @@ class _Lines(Silent):
         self._first: tuple[float, float] | None = None  # what was done when, where the count began
         self._latest: tuple[float, float | None, str, float] | None = None  # what was reported last, and when
         self._end: float | None = None
+        self._at_least = False
 
-    def whole(self, seconds: float | None) -> None:
-        self._end = _end(seconds)
+    def whole(self, seconds: float | None, *, at_least: bool = False) -> None:
+        self._end, self._at_least = _end(seconds), at_least
 
     def stage(self, name: str) -> None:
         self._stage, self._first, self._latest = TITLES[name], None, None
@@ -146,7 +149,8 @@ class _Lines(Silent):
             if total is not None and done > self._first[0]:
                 this = (heard - self._first[1]) / (done - self._first[0]) * (total - done)
                 this -= time.monotonic() - heard
-        left = ", ".join(filter(None, (_left(this, "of this"), _until(self._end))))
+        at_least = self._at_least
+        left = ", ".join(filter(None, (_left(this, "of this", at_least=at_least), _until(self._end, at_least))))
         if state:
             self._print("  " + "; ".join(filter(None, (state, left))))
 

@@ -22,6 +22,7 @@ import numpy as np
 from psafit.errors import InputError
 from psafit.experiment import GroupId
 from psafit.files import digest, encodable, read_bytes, write_atomically
+from psafit.text import significant
 
 SCHEMA = 1
 Record = TypeVar("Record")
@@ -474,6 +475,29 @@ class GroupScore:
 
 
 Law = Literal["carried", "energy"]
+
+
+@dataclass(frozen=True)
+class Overdamped:
+    """A damping of the stack that is none: it does not swing, but follows its force with a lag.
+
+    Parameters
+    ----------
+    critical : float, N s/m
+        Damping beyond which it is so.
+    lag_us : float, us
+    """
+
+    critical: float
+    lag_us: float
+
+    @property
+    def text(self) -> str:
+        """The same in words."""
+        return (
+            f"c_s is beyond critical damping ({significant(self.critical, 2)} N s/m): the stack does not swing but lags"
+            f" by c_s/k_s, {significant(self.lag_us, 2)} us, and that may stand for another lag"
+        )
 
 
 @dataclass(frozen=True)

@@ -648,6 +648,9 @@ def verdict(
         parts.append(f"its 90 % band is too wide ({fixed(coverage, per_cent=True)} % of the readings inside)")
     elif pit_p_value * looks < LEVEL:
         parts.append("its 90 % band is wide enough, but the readings are not spread over it as predicted")
+    elif coverage < 0.9 - _slack(n) and math.isfinite(coverage_p_value):
+        by_chance = f"as it does by chance (p = {coverage_p_value:.2g})"
+        parts.append(f"its 90 % band holds {fixed(coverage, per_cent=True)} % of the readings, {by_chance}")
     elif not drifts:
         parts.append("nothing speaks against its band")
     if drifts:

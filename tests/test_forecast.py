@@ -23,7 +23,7 @@ class Heard(Silent):
     def stage(self, name: str) -> None:
         self.stages.append(name)
 
-    def whole(self, seconds: float | None) -> None:
+    def whole(self, seconds: float | None, *, at_least: bool = False) -> None:
         self.left.append(seconds)
 
 
@@ -65,6 +65,19 @@ def test_what_a_session_finds_done_is_not_its_pace() -> None:
     plan.begin("sample", 0.0)
     plan.reach(0.75, 2.0)
     assert plan.left(2.0) == pytest.approx(32 / 3 + 2 * (10 + 32) / (1 + 3))
+
+
+def test_a_total_that_grows_takes_longer() -> None:
+    """A chain learns how long its autocorrelation time is: what was nearly done is not, any more."""
+    plan = Forecast(PLAN)
+    plan.begin("sample", 0.0)
+    plan.reach(0, 0.0, 700)
+    plan.reach(600, 60.0, 700)
+    assert plan.left(60.0) == pytest.approx(10.0 + 2 * 60 / (4 * 6 / 7)) and plan.is_open
+    plan.reach(900, 90.0, 2900)
+    assert plan.left(90.0) == pytest.approx(200.0 + 2 * 90 / (4 * 9 / 29))
+    plan.begin("profile", 300.0)
+    assert not plan.is_open
 
 
 def test_counts_that_begin_again_take_nothing_back() -> None:

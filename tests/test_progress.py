@@ -41,13 +41,15 @@ def test_progress_in_a_log_says_what_is_awaited(monkeypatch, capsys) -> None:  #
         lines.say()
         now = 710.0
         lines.say()
+        lines.whole(130.0, at_least=True)
+        lines.say()
     assert capsys.readouterr().err.splitlines() == [
         "[ 11.0 s]   step 500 of at most 40000, R-hat 1.030 (goal 1.01)", "[ 30.0 s] profile the likelihood",
         "[ 31.0 s]   profile the likelihood", "[ 42.0 s]   8 of 48 profiles; about 88 s left of this",
         "[600.0 s]   0 of 4 of a second count", "[620.0 s]   1 of 4 of a second count; about 60 s left of this",
         "[640.0 s]   4 of 4 of a second count", "[660.0 s]   4 of 4 of a second count",
         "[680.0 s] write the report", "[680.0 s]   write the report; about 24 s left in all",
-        "[710.0 s]   write the report",
+        "[710.0 s]   write the report", "[710.0 s]   write the report; at least 2 min left in all",
     ]  # fmt: skip
 
 

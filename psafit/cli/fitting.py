@@ -239,7 +239,7 @@ def _say_fit(result: Run, numerics: Numerics) -> None:
         also = profiled(p.profile, (p.lower, p.upper), p.verdict)
         click.echo(f"  {p.text}{also}" + ("; implausible under its prior" if strange else ""))
     if lagging := overdamped(result.problem, result.summary.parameters):
-        click.echo(lagging)
+        click.echo(lagging.text)
     click.echo(f"posterior: {result.summary.message}")
     if sampler(result.fit.sampled_by).checked:
         other = result.summary.importance

@@ -28,6 +28,7 @@ from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.problem import Problem
+from psafit.observables import OBSERVABLES, recorded_name
 from psafit.parameters import Parameter
 
 
@@ -111,13 +112,13 @@ class Discrepancy:
         twice = np.where(np.isnan(given), 0.0, given**2 - sigma_rel**2)
         return np.asarray(np.sqrt(np.maximum(a**2 + b**2 + twice, 0.0)))
 
-    def largest(self, candidate: Candidate) -> list[tuple[GroupId, float, float]]:
-        """Each group's mean and largest absolute discrepancy, in ln units; NaN where no reading shows one."""
-        found = []
+    def largest(self, candidate: Candidate) -> list[tuple[GroupId, str | None, float, float]]:
+        """Mean and largest absolute discrepancy of each observable of a group, in ln units; NaN where none shows."""
+        found, measured = [], candidate.problem.design.measured
         for group_id, _, rows in sweeps(candidate.problem):
             seen = self.mean[rows][np.isfinite(self.sd[rows])]
             sizes = (float(seen.mean()), float(np.abs(seen).max())) if seen.size else (math.nan, math.nan)
-            found.append((group_id, *sizes))
+            found.append((group_id, recorded_name(OBSERVABLES[int(measured[rows[0]])]), *sizes))
         return found
 
 

@@ -41,9 +41,11 @@ from psafit.diagnose.screening import PRESENT, Screened
 from psafit.diagnose.verdict import Verdict
 from psafit.diagnose.words import NO_ACTION
 from psafit.experiment import GroupId, session_name
+from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
+from psafit.inference.summary import overdamped
 from psafit.model_search.model_set import ModelSet
 from psafit.model_search.visibility import VISIBLE
 from psafit.observables import OBSERVABLES, aside, recorded_name
@@ -136,7 +138,17 @@ def cause_result(model_set: ModelSet, verdict: Verdict, candidate: Candidate) ->
     ids = verdict.named if set(candidate.ids) == set(verdict.named) else candidate.ids
     strange = candidate.problem.implausible(np.array([p.median for p in parameters.values()]))
     sessions = sessions_of(model_set, candidate) or None
-    return CauseResult(list(ids), verdict.probability[candidate.ids], parameters, evidence, strange, sessions)
+    return CauseResult(
+        list(ids), verdict.probability[candidate.ids], parameters, evidence, strange, sessions,
+        overdamped(candidate.problem, list(parameters.values())),
+        separated(model_set.best_model, candidate) if candidate.ids in verdict.alternatives else None,
+    )  # fmt: skip
+
+
+def separated(one: Candidate, other: Candidate) -> float:
+    """Nats by which the readings, measured once more, would separate two best fits, under the scatter of the first."""
+    apart = noise.innovations(other.predicted[None], one.predicted[None], one.noise, one.problem.known_sigma)
+    return 0.5 * float(np.sum(np.square(apart)))
 
 
 def _sensitivity(candidate: Candidate, found: ImportanceSample) -> dict[str, float]:
@@ -291,7 +303,8 @@ def misfit_of(
         extended=None if after is None else _tests(after, best_model, _where(after)),
         leftover=DiscrepancyResult(
             left.log_bayes, left.amplitude, left.level, left.reach, left.sigma_rel[first],
-            [GroupDiscrepancy(g, _finite(m), _finite(x)) for g, m, x in left.largest(best_model)], left.mean.tolist(),
+            [GroupDiscrepancy(g, _finite(m), _finite(x), read) for g, read, m, x in left.largest(best_model)],
+            left.mean.tolist(),
             [_finite(s) for s in left.sd],
         ),
         sessions=show.offsets(best_model),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from scipy.stats import norm
@@ -15,9 +16,16 @@ from psafit.inference.problem import Problem
 from psafit.inference.samplers import sampler
 from psafit.inference.sampling import Chain
 from psafit.parameters import SHARES
-from psafit.records import Fit, ImportanceEntry, ImportanceSummary, ParameterSummary, PosteriorSummary, ProfilePoint
+from psafit.records import (
+    Fit,
+    ImportanceEntry,
+    ImportanceSummary,
+    Overdamped,
+    ParameterSummary,
+    PosteriorSummary,
+    ProfilePoint,
+)
 from psafit.simulate import rig_of
-from psafit.text import significant
 
 
 def summarise(
@@ -97,8 +105,18 @@ def summarise(
     )
 
 
-def overdamped(problem: Problem, entries: Sequence[ParameterSummary]) -> str:
-    r"""Say that the stack's damping is none; empty where it may be.
+class Summarised(Protocol):
+    """What is known of a parameter, in its unit; the lower end of its interval is None where it has none."""
+
+    @property
+    def median(self) -> float: ...  # noqa: D102
+
+    @property
+    def lower(self) -> float | None: ...  # noqa: D102
+
+
+def overdamped(problem: Problem, entries: Sequence[Summarised]) -> Overdamped | None:
+    r"""Whether the stack's damping is none; `entries` are of all parameters.
 
     .. math:: c_s > 2 \sqrt{k_s m}
 
@@ -106,17 +124,13 @@ def overdamped(problem: Problem, entries: Sequence[ParameterSummary]) -> str:
     :math:`1/\pi` of its period. It is said where the whole interval of c_s lies there. The rig's numbers are as the
     causes leave them.
     """
-    i = problem.names.index("c_s")
-    u = problem.to_sampling(np.array([[p.median for p in entries]]))
-    theta = problem.theta(u, problem.group_ids)
+    lower = entries[problem.names.index("c_s")].lower
+    theta = problem.theta(problem.to_sampling(np.array([[p.median for p in entries]])), problem.group_ids)
     rig = rig_of(problem.experiment.constants, theta, problem.terms, len(problem.group_ids))
     critical = 2.0 * math.sqrt(float(rig.k_s[0] * rig.m[0]))
-    if entries[i].lower <= critical:
-        return ""
-    return (
-        f"c_s is beyond critical damping ({significant(critical, 2)} N s/m): the stack does not swing but lags by"
-        f" c_s/k_s, {significant(1e6 * float(rig.c_s[0] / rig.k_s[0]), 2)} us, and that may stand for another lag"
-    )
+    if lower is None or lower <= critical:
+        return None
+    return Overdamped(critical, 1e6 * float(rig.c_s[0] / rig.k_s[0]))
 
 
 def compared(

@@ -238,7 +238,7 @@ def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     head = Markup("<strong>What is wrong?</strong>")
     said = [head, trend, *_on_all_readings(validation), _what_is_not_determined(run), *_what_is_implausible(run)]
     if lagging := overdamped(run.problem, run.summary.parameters):
-        text = re.sub(r"\b[a-z]_[a-z]\b", lambda found: symbol_html(found[0]), escape(typeset(lagging)))
+        text = re.sub(r"\b[a-z]_[a-z]\b", lambda found: symbol_html(found[0]), escape(typeset(lagging.text)))
         said.append(Markup("{}.").format(Markup(text)))
     return Markup(" ").join(said)
 

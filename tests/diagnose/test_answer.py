@@ -14,8 +14,10 @@ from psafit.diagnose.answer.findings import (
     BySession,
     Furthest,
     Implausible,
+    Indistinct,
     Judged,
     Kind,
+    Lagging,
     Named,
     Rival,
     Room,
@@ -30,7 +32,7 @@ from psafit.diagnose.record.models import Counted, ParameterResult, SessionResul
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
 from psafit.model_search.model_set import LookedAt
-from psafit.records import Broken
+from psafit.records import Broken, Overdamped
 from psafit.report.diagnosis import remaining
 from psafit.report.diagnosis.answer import PAGE, kind
 
@@ -160,6 +162,25 @@ def test_what_tied_sets_share_is_no_matter_of_the_tie() -> None:
     other = replace(named, alternatives=[*rivals, Rival(["slew_limit"], 0.01, 60.0, True)]).say(PLAIN)
     assert ", all with" in other and "By likelihood alone, slew_limit fits as well" in other
     assert f"between 3 sets of causes, all with {' + '.join(named.causes)}: " in text and text.count("(10 %)") == 2
+
+
+@pytest.mark.parametrize(("nats", "said"), [(0.41, "separate the two by 0.4 nats at most"), (3.1, "")])
+def test_sets_that_more_of_the_same_readings_would_not_separate_are_said_to_be_so(nats: float, said: str) -> None:
+    d = record()
+    causes = [replace(c, again=nats if c.terms == d.alternatives[0] else None) for c in d.causes]
+    assert sum(c.again is not None for c in causes) == 1
+    d = replace(d, causes=causes)
+    assert [said in one.say(PLAIN) for one in of(d, Indistinct)] == ([True] if said else [])
+    assert not of(replace(d, verdict="explained"), Indistinct)
+
+
+def test_a_damping_that_is_none_is_said_to_be_so() -> None:
+    d = record()
+    lag = Overdamped(990.0, 120.0)
+    adopted = [replace(c, overdamped=lag) if c is d.best_model else c for c in d.causes]
+    (one,) = of(replace(d, causes=adopted), Lagging)
+    assert one.say(PLAIN) == f"{lag.text}." and "lags by c_s/k_s, 120 us" in lag.text
+    assert not of(d, Lagging)
 
 
 def test_no_set_is_as_good_as_one_that_explains_nothing() -> None:

@@ -14,7 +14,7 @@ from psafit.diagnose.answer.findings import Furthest
 from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.record.models import NEAREST, NEXT_BEST, NOT_EXCLUDED, UNSEEN
-from psafit.diagnose.results import cause_result, counted_of, misfit_of, screening_of, sessions_of, word_for
+from psafit.diagnose.results import cause_result, counted_of, misfit_of, screening_of, separated, sessions_of, word_for
 from psafit.diagnose.room import Room
 from psafit.diagnose.screening import screen
 from psafit.diagnose.words import NO_ACTION, PLAIN
@@ -27,6 +27,19 @@ from psafit.observables import LAUNCH_RANGE, LAUNCH_SPEED
 from psafit.parameters import Belief, Normal
 from psafit.physics import terms
 from psafit.text import significant
+
+
+def test_how_far_two_best_fits_are_apart(hidden):
+    """Half the sum of squares of their difference, in the scatter of the first."""
+    one, other = hidden.best_model, hidden.baseline
+    assert separated(one, one) == 0.0
+    relative, absolute = one.noise[0, :2]
+    sd = np.hypot(absolute, relative * one.predicted)
+    by_hand = 0.5 * np.sum(((other.predicted - one.predicted) / sd) ** 2)
+    assert separated(one, other) == pytest.approx(by_hand) and by_hand > 3
+    tied = SimpleNamespace(named=one.ids, probability=hidden.probability, alternatives=(other.ids,))
+    assert cause_result(hidden, tied, other).again == pytest.approx(by_hand)
+    assert cause_result(hidden, tied, one).again is None
 
 
 def test_the_word_for_a_cause(hidden):
@@ -142,10 +155,14 @@ def test_the_readings_furthest_from_what_is_adopted_are_always_reported():
     speeds = replace(before, coincidences=tuple(replace(c, observable="launch_speed") for c in before.coincidences))
     first = misfit_of(speeds, None, left, model_set.baseline, model_set.best_model).where[0]
     assert first.observable == "launch_speed" and " Hz, launch speeds: the prediction is" in first.text
-    cause = cause_result(model_set, SimpleNamespace(named=(), probability={(): 1.0}), model_set.baseline)
+    cause = cause_result(
+        model_set, SimpleNamespace(named=(), probability={(): 1.0}, alternatives=()), model_set.baseline
+    )
     assert cause.parameters["nu"].upper < 10.0 and cause.evidence.prior_odds == 0.0
     ids = next(ids for ids in model_set.log_evidence if ids)
-    one = cause_result(model_set, SimpleNamespace(named=(), probability={ids: 0.1}), model_set.of(ids)).evidence
+    one = cause_result(
+        model_set, SimpleNamespace(named=(), probability={ids: 0.1}, alternatives=()), model_set.of(ids)
+    ).evidence
     odds = sum(math.log(t.probability) - math.log1p(-t.probability) for t in FEW if t.id in ids)
     assert one.prior_odds == pytest.approx(odds)
     assert math.exp(one.prior_odds + one.over_baseline) == pytest.approx(model_set.odds(ids, ()))

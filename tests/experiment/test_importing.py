@@ -440,6 +440,12 @@ def test_sheets(tmp_path: Path) -> None:
     assert [(g.id, g.waveform, float(g.amplitude_v[0])) for t in tables for g in t.groups] == [
         (1, "sine", 20), (2, "square", 10),
     ]  # fmt: skip
+    wrong = book.create_sheet("wrong")
+    wrong.append(["f (kHz)", "Vpp", "Range (µm)"])
+    wrong.append([1.2, "forty", 76])
+    book.save(file)
+    with pytest.raises(InputError, match=r"book\.xlsx:2: sheet 'wrong': amplitude_v 'forty' is not a number"):
+        read_files([file], Options(waveforms=("sine", "square"), sheets=("high", "wrong")))
     with pytest.raises(InputError, match="no sheet 'mid'"):
         read_files([file], Options(waveforms=("sine",), sheets=("mid",)))
 

@@ -157,6 +157,48 @@ def test_rows_of_the_first_picture_differ_where_the_groups_do():
     assert "All groups: unipolar sine (bias 2 V, 5 periods)" in texts
 
 
+def test_what_would_lie_on_one_another_is_shown_against_the_first():
+    group = sweep_groups()[1]
+    group = replace(group, reading=np.geomspace(1.0, 50.0, group.n_points))
+    rng = np.random.default_rng(1)
+    noisy = replace(group, reading=group.reading * np.exp(0.01 * rng.standard_normal(group.n_points)))
+    far, near = (
+        [
+            figures.Curve("baseline", "grey", group.reading, dashed=True),
+            figures.Curve(
+                "model",
+                "blue",
+                group.reading * f,
+                (figures.Band(figures.READING_BAND, group.reading, 2 * group.reading),),
+            ),
+        ]
+        for f in (3.0, 1.02)
+    )
+    sweep = figures.sweep_of(group)
+    plain, close = (figures.Example("", "ink", noisy, sweep, curves).magnified() for curves in (far, near))
+    assert plain.view is None and plain.label.endswith("(µm)") and plain.group is noisy
+    assert close.label == "Launch range / baseline" and close.group.reading == pytest.approx(
+        noisy.reading / group.reading
+    )
+    assert close.curves[0].middle == pytest.approx(1.0) and close.curves[1].middle == pytest.approx(1.02)
+    low, high, log = close.view
+    assert (
+        log and low < close.group.reading.min() and high > 2.0 and close.curves[1].bands[0].high == pytest.approx(2.0)
+    )
+    # Readings of zero have no factor.
+    none = figures.Example("", "ink", replace(noisy, reading=np.maximum(noisy.reading - 2, 0.0)), sweep, near)
+    assert none.magnified() is none
+    trace = replace(
+        noisy, time_us=np.arange(1.0, group.n_points + 1), reading=noisy.reading - 20.0,
+        measured=np.full(group.n_points, 4, np.int8),
+    )  # fmt: skip
+    over_time = figures.Example("", "ink", trace, figures.sweep_of(trace), near).magnified()
+    assert over_time.group.reading == pytest.approx(trace.reading - group.reading) and not over_time.view[2]
+    assert "\N{MINUS SIGN} baseline" in over_time.label
+    figure = figures.summary_figure([], [close, over_time], [])
+    assert [axes.get_ylabel() for axes in figure.axes] == [close.label, over_time.label]
+
+
 def test_zeros_are_in_every_legend():
     group = sweep_groups()[1]
     sweep, curve = figures.sweep_of(group), figures.Curve("model", "blue", group.reading + 0.1)

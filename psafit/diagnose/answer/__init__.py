@@ -16,8 +16,10 @@ from psafit.diagnose.answer.findings import (
     BySession,
     Furthest,
     Implausible,
+    Indistinct,
     Judged,
     Kind,
+    Lagging,
     Named,
     NothingShows,
     Restricted,
@@ -150,6 +152,11 @@ def _values(d: Diagnosis) -> Iterator[Statement]:
     named = [d.best_model] if d.best_model and (d.named or d.verdict == "adequate") else []
     if odd := [(c.terms, c.implausible) for c in [*named, *tied] if c.implausible]:
         yield Implausible(odd)
+    if named and (lag := named[0].overdamped):
+        yield Lagging(lag)
+    again = [c.again for c in d.causes if c.again is not None]
+    if d.verdict == "ambiguous" and again and max(again) < d.settings.search.visible:
+        yield Indistinct(max(again), 1 + len(again))
 
 
 def _sized(causes: list[CauseResult]) -> dict[str, ParameterResult]:

@@ -16,8 +16,8 @@ from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.model_search.model_set import CREDIBLE, LookedAt
 from psafit.physics import owner
-from psafit.records import Broken, Objection
-from psafit.text import count, p_text, significant
+from psafit.records import Broken, Objection, Overdamped
+from psafit.text import count, fixed, p_text, significant
 
 WORTH_SAYING = 0.05
 """Probability of a discrepancy without a name, or of another set, from which on it is worth a sentence."""
@@ -341,6 +341,33 @@ class Implausible(Statement):
             for terms, names in self.values
         )
         return words.put("Implausible values: {}.", words.joined("; ", each))
+
+
+@dataclass(frozen=True)
+class Indistinct(Statement):
+    """Tied sets that say the same of these readings: more of them would not decide."""
+
+    topic = "wrong"
+    nats: float
+    sets: int
+
+    def say(self, words: Words) -> str:
+        them = "the two" if self.sets == 2 else "them"
+        return words.put(
+            "Measured once more, all these readings would separate {} by {} at most: that takes another measurement.",
+            them, words.number(f"{fixed(self.nats, 1)} nats"),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Lagging(Statement):
+    """A damping of the stack that is none; what may stand for it has no name here."""
+
+    topic = "wrong"
+    found: Overdamped
+
+    def say(self, words: Words) -> str:
+        return words.put("{}.", self.found.text)
 
 
 @dataclass(frozen=True)

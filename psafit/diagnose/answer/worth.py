@@ -91,7 +91,7 @@ class CheckFirst(Statement):
     def say(self, words: Words) -> str:
         return words.put(
             "Check first what psafit takes as given: the waveform, how volts are counted, bias and idle voltage, units,"
-            " that each group is one session, and the rig's constants."
+            " that each group is one session, the rig's constants, and what [rig] says of materials."
         )
 
 
@@ -117,7 +117,7 @@ class Next(Statement):
 
     def say(self, words: Words) -> str:
         first, equal = self.found.proposals[0], self.found.as_good
-        how = "No measurement within the limits would show much: {}, {}"
+        how = "No measurement within what was measured, or what [limits] states, would show much: {}, {}"
         if self.found.recommended:
             how = "Next, measure {}: it {}" if equal else "Next, measure {}: it best {}"
         others = f"; {count(equal, 'other proposal')} may do as well." if equal else "."

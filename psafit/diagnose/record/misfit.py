@@ -122,11 +122,15 @@ class Tests(Tested):
 
 @dataclass(frozen=True)
 class GroupDiscrepancy:
-    """Mean and largest absolute discrepancy of a group, in ln units; None where no reading shows one."""
+    """Mean and largest absolute discrepancy of a group, in ln units; None where no reading shows one.
+
+    `observable` is what was read, if not the launch range.
+    """
 
     group: GroupId
     mean: float | None
     largest: float | None
+    observable: str | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from psafit.diagnose.record.misfit import Condition
 from psafit.diagnose.show import Corner, Drift, Growth, Line
 from psafit.experiment import GroupId
 from psafit.inference.samplers.nautilus import NestedEvidence
-from psafit.records import ABSENT, Brief
+from psafit.records import ABSENT, Brief, Overdamped
 
 
 @dataclass(frozen=True)
@@ -111,6 +111,11 @@ class CauseResult(Brief):
         uniform.
     sessions : list of SessionResult, optional
         What each session has, by causes that differ by session.
+    overdamped : Overdamped, optional
+        Where the whole interval of the stack's damping is beyond the critical one.
+    again : float, optional, nats
+        Of a tied set: by how much all these readings, measured once more, would separate its best fit from that of the
+        best model, on average.
     """
 
     _in_repr = ("terms", "probability")
@@ -121,6 +126,8 @@ class CauseResult(Brief):
     evidence: Evidence
     implausible: list[str]
     sessions: list[SessionResult] | None = field(default=None, metadata=ABSENT)
+    overdamped: Overdamped | None = field(default=None, metadata=ABSENT)
+    again: float | None = field(default=None, metadata=ABSENT)
 
     @property
     def sampled(self) -> bool:

@@ -18,7 +18,7 @@ from typing import TypeVar
 import numpy as np
 
 from psafit.drives import NAMES, TABLE, Drive
-from psafit.errors import Faults, InputError
+from psafit.errors import Faults, InputError, InputErrors
 from psafit.experiment.definition import id_of
 from psafit.experiment.drive_table import PERIOD, RECORDED, read_drive
 from psafit.experiment.importing.chosen import ERROR_OF, HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
@@ -309,6 +309,17 @@ def _is_filled(grid: Grid, head: Head) -> bool:
     return any(width == n if grid.separator in BLANKS else 0 < width <= n for width in widths)
 
 
+def _of_sheet(grid: Grid, found: InputError) -> InputError:
+    """What is wrong, with the sheet that its line belongs to."""
+    if not grid.sheet:
+        return found
+    each = [
+        InputError(f"sheet {shown(grid.sheet)}: {one.what}", one.remedy, file=one.file, line=one.line)
+        for one in found.faults
+    ]
+    return InputErrors(each, found.more if isinstance(found, InputErrors) else 0) if len(each) > 1 else each[0]
+
+
 def _readable(reads: Sequence[tuple[Grid, Callable[[], Read]]], content: Callable[[Read], Hashable]) -> Read:
     """What a file holds, read with the separator with which all of it can be read.
 
@@ -322,7 +333,7 @@ def _readable(reads: Sequence[tuple[Grid, Callable[[], Read]]], content: Callabl
         try:
             found.append((grid, read()))
         except InputError as fault:
-            faults.append(fault)
+            faults.append(_of_sheet(grid, fault))
     if not found:
         raise faults[0]
     if len({content(one) for _, one in found}) > 1:

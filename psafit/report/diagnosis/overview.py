@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -25,28 +26,37 @@ def content(shown: Sequence[Shown], pictured: Sequence[Shown]) -> dict[str, Any]
 
 
 def summary_picture(pictured: Sequence[Shown]) -> Picture:
-    """The picture of the first screen: the models' error in each group, and for each the group that it misses most."""
+    """The picture of the first screen: the models' error in each group, and two groups as examples."""
     rows = factor_rows(pictured)
     with_errors = [g for g in pictured if g.errors]
-    # The one that the baseline misses most, and of the others the one that the last model does.
-    worst = sorted(with_errors, key=lambda g: -g.errors[0])[:1] or list(pictured[:1])
+    # The one in which the last model gains most, and of the others the one that it misses most.
+    worst = sorted(with_errors, key=_by_gain)[:1] or list(pictured[:1])
     worst += sorted((g for g in with_errors if g is not worst[0]), key=lambda g: -g.errors[-1])[:1]
-    examples = [figures.Example(titled(g.group.id), "ink", g.group, g.sweep, g.curves) for g in worst]
+    examples = [figures.Example(titled(g.group.id), "ink", g.group, g.sweep, g.curves).magnified() for g in worst]
     legend = figures.handles([replace(c, bands=()) for c in pictured[0].curves])
+    over = next((e.over for e in examples if e.over), "")
     return Picture(
         figure_data_uri(figures.summary_figure(rows if with_errors else [], examples, legend)),
         "Typical factor between model and reading: "
         + "; ".join(f"group {g.name} {g.text or 'readings alone'}" for g in pictured[:20])
         + ".",
         "Above, how far the fitted models are off in each group: ×1 would be perfect."
-        f" Below, {_missed(worst) if with_errors and len(pictured) > 1 else f'group {worst[0].name}'}.",
+        f" Below, {_missed(worst) if with_errors and len(pictured) > 1 else f'group {worst[0].name}'}."
+        + (f" Where the curves would lie on one another, all is shown against the {over}." if over else ""),
     )
+
+
+def _by_gain(g: Shown) -> tuple[float, float]:
+    """How much less the last model misses a group than the first, by all its readings; then how much that misses it."""
+    first, last = (max(e, 1e-9) for e in (g.errors[0], g.errors[-1]))
+    return g.group.n_points * math.log(last / first), -first
 
 
 def _missed(worst: Sequence[Shown]) -> str:
     """Which groups `summary_picture` has chosen, and why."""
     first, *others = worst
-    text = f"group {first.name}, which the {first.curves[0].name} misses most"
+    gains = f"in which the {first.curves[-1].name} gains most" if len(first.curves) > 1 else ""
+    text = f"group {first.name}, {gains or f'which the {first.curves[0].name} misses most'}"
     return text + "".join(
         f", and of the others the one that the {other.curves[-1].name} misses most, group {other.name}"
         if len(other.curves) > 1

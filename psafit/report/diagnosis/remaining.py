@@ -14,6 +14,7 @@ from psafit.diagnose.misfit import ALPHA, described
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.record.misfit import Tests
 from psafit.diagnose.significance import OTHERWISE, Significance
+from psafit.observables import aside
 from psafit.records import Objection
 from psafit.report.diagnosis import words
 from psafit.report.diagnosis.shown import Shown, image
@@ -110,7 +111,7 @@ def discrepancy(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any]:
         "sigma_rel": f"{fixed(left.sigma_rel, 1, per_cent=True)}{NBSP}%",
         "rows": [
             [
-                Markup("Group {}").format(g.group),
+                Markup("Group {}{}").format(g.group, aside(g.observable)),
                 *("–" if x is None else f"×{factor(x)}" for x in (g.mean, g.largest)),
             ]
             for g in left.groups

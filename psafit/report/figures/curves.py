@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
@@ -132,7 +133,11 @@ def draw_readings(axes: Axes, x: FloatArray, measured: FloatArray, bottom: float
         axes.plot(zeros, np.full(zeros.size, bottom), **{**look, "marker": "v", "clip_on": False})
 
 
-def _view(group: Conditions, curves: Sequence[Curve]) -> tuple[float, float, bool]:
+View = tuple[float, float, bool]
+"""Lower and upper end of a picture, and whether its axis is logarithmic."""
+
+
+def _view(group: Conditions, curves: Sequence[Curve]) -> View:
     """What a picture of a group shows: see `reading_range`."""
     measured = readings_of(group)
     lines = [c.line[1] for c in curves if c.line is not None]
@@ -144,10 +149,55 @@ def _view(group: Conditions, curves: Sequence[Curve]) -> tuple[float, float, boo
     return reading_range(measured, middles, tops)
 
 
-def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Curve], *, small: bool = False) -> None:
-    """Readings, if there are any, models and their bands into given axes, which are scaled to them."""
-    measured, x = readings_of(group), sweep.values
+def apart(group: Conditions, curves: Sequence[Curve]) -> float:
+    """How far curves lie from the first at most, as a part of the height of their picture."""
     bottom, top, log = _view(group, curves)
+    height = math.log(top / bottom) if log else top - bottom
+    first, *others = (np.maximum(c.middle, bottom) for c in curves)
+    gaps = (np.log(c / first) if log else c - first for c in others)
+    return max((float(np.abs(gap).max()) for gap in gaps), default=0.0) / height
+
+
+def relative(group: Group, curves: Sequence[Curve]) -> tuple[Group, list[Curve]]:
+    """Readings and curves over the first curve, which has to be positive; of a trace their differences from it."""
+    first = curves[0]
+    traced = group.time_us is not None
+
+    def against(values: FloatArray, base: FloatArray) -> FloatArray:
+        return values - base if traced else values / base
+
+    def moved(c: Curve) -> Curve:
+        bands = tuple(Band(b.name, against(b.low, first.middle), against(b.high, first.middle)) for b in c.bands)
+        line = None
+        if c.line and first.line and np.array_equal(c.line[0], first.line[0]) and (traced or (first.line[1] > 0).all()):
+            line = c.line[0], against(c.line[1], first.line[1])
+        return replace(c, middle=against(c.middle, first.middle), bands=bands, line=line)
+
+    sigma = group.sigma if group.sigma is None or traced else group.sigma / first.middle
+    return replace(group, reading=against(group.reading, first.middle), sigma=sigma), [moved(c) for c in curves]
+
+
+def relative_view(group: Group, curves: Sequence[Curve]) -> View:
+    """What a picture of that shows: all readings, curves and bands."""
+    log = group.time_us is None
+    ends = (end for c in curves for b in c.bands for end in (b.low, b.high))
+    every = np.concatenate([group.reading, *(c.middle for c in curves), *ends])
+    every = every[every > 0] if log else every
+    return *widened(float(every.min()), float(every.max()), 0.08, log=log), log
+
+
+def draw_curves(
+    axes: Axes,
+    group: Conditions,
+    sweep: Sweep,
+    curves: Sequence[Curve],
+    *,
+    small: bool = False,
+    view: View | None = None,
+) -> None:
+    """Readings, if there are any, models and their bands into given axes, which are scaled to them or to a view."""
+    measured, x = readings_of(group), sweep.values
+    bottom, top, log = view or _view(group, curves)
     single = len(np.unique(x)) == 1
     # Where nothing varies steadily, each reading has a piece of its own: a slope between two would suggest a trend.
     between: Any

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from psafit.experiment import Group
-from psafit.report.figures.axes import label, range_label
-from psafit.report.figures.curves import Curve, draw_curves, handles, zero_mark
+from psafit.report.figures.axes import label, range_label, shown_unit
+from psafit.report.figures.curves import (
+    Curve,
+    View,
+    apart,
+    draw_curves,
+    handles,
+    relative,
+    relative_view,
+    zero_mark,
+)
 from psafit.report.figures.groups import short
 from psafit.report.figures.sweep import AXIS, Sweep
 from psafit.report.style import PALETTE, WIDTH, figure_style
@@ -52,13 +61,34 @@ class Row:
 
 @dataclass(frozen=True)
 class Example:
-    """A group that is shown below."""
+    """A group that is shown below; the `view` and what stands at the axis are those of the readings by default."""
 
     title: str
     color: str
     group: Group
     sweep: Sweep
     curves: Sequence[Curve]
+    view: View | None = None
+    over: str = ""
+
+    @property
+    def label(self) -> str:
+        """What stands at the upright axis."""
+        if not self.over:
+            return range_label(self.group)
+        o = self.group.observable
+        traced = self.group.time_us is not None
+        how = f"\N{MINUS SIGN} {self.over} ({shown_unit(o.unit)})" if traced else f"/ {self.over}"
+        return f"{o.title.capitalize()} {how}"
+
+    def magnified(self, least: float = 0.1) -> Example:
+        """The same against the first curve, if the others lie within a part `least` of the picture's height of it."""
+        curves = self.curves
+        positive = all((values > 0).all() for values in (self.group.reading, *(c.middle for c in curves)))
+        if apart(self.group, curves) >= least or not (positive or self.group.time_us is not None):
+            return self
+        group, curves = relative(self.group, curves)
+        return replace(self, group=group, curves=curves, view=relative_view(group, curves), over=self.curves[0].name)
 
 
 def draw_factors(axes: Axes, rows: Sequence[Row]) -> None:
@@ -128,15 +158,15 @@ def summary_figure(rows: Sequence[Row], examples: Sequence[Example], legend: Seq
             draw_factors(above.subplots(), rows)
         panels = below.subplots(1, len(examples), squeeze=False)[0]
         for column, (axes, e) in enumerate(zip(panels, examples, strict=True)):
-            draw_curves(axes, e.group, e.sweep, e.curves, small=len(examples) > 1)
+            draw_curves(axes, e.group, e.sweep, e.curves, small=len(examples) > 1, view=e.view)
             axes.set_title(e.title, color=PALETTE[e.color])
             axes.set_xlabel(
                 {"frequency": "Frequency (Hz)", "amplitude": "Amplitude (V)", "time": AXIS["time"]}.get(
                     e.sweep.variable, "Reading"
                 )
             )
-            if column == 0 or range_label(e.group) != range_label(examples[0].group):
-                axes.set_ylabel(range_label(e.group))
+            if column == 0 or e.label != examples[0].label:
+                axes.set_ylabel(e.label)
         zeros = zero_mark((e.group, e.curves) for e in examples)
         entries = [*legend, *handles([], measured=False, zeros=zeros)]
         long = sum(len(str(e.get_label())) for e in entries) > 44  # no line holds more
