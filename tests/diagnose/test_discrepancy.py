@@ -115,7 +115,7 @@ def test_readings_that_say_nothing_do_not_dilute_a_discrepancy(sound):
     quiet[:20] = True
     mean[quiet], sd[quiet] = 0.0, np.inf
     found = Discrepancy(0.0, 0.0, 0.1, 0.1, 0.7, {0: 0.04}, mean, sd, np.zeros(5), np.eye(5)).largest(sound)
-    assert [g for g, *_ in found] == ["a", "b", "c"]
+    assert [(g, read) for g, read, *_ in found] == [("a", None), ("b", None), ("c", None)]
     assert np.array_equal(
-        [reported for _, *reported in found], [[0.5, 0.5], [np.nan, np.nan], [0.5, 0.5]], equal_nan=True
+        [reported for _, _, *reported in found], [[0.5, 0.5], [np.nan, np.nan], [0.5, 0.5]], equal_nan=True
     )
