@@ -96,7 +96,7 @@ def main() -> int:
     words = parser.parse_args()
     done = [json.loads(row) for row in words.out.read_text().splitlines()] if words.out.exists() else []
     for seed in range(words.seed, words.seed + words.n):
-        if seed in {row["seed"] for row in done if row["kind"] == words.kind}:
+        if seed in {row["seed"] for row in done if row.get("kind", "one") == words.kind}:
             continue
         row = measure(seed, words.kind, words.least, words.most)
         done.append(row)
@@ -105,7 +105,7 @@ def main() -> int:
         print(f"{seed}: {' + '.join(row['terms']) or 'nothing'}, {row['nats']:.0f} nats; predicts: {row['predicts']};"
               f" {row['caution'] or 'nothing speaks for caution'}; outside: {', '.join(row['outside']) or 'none'};"
               f" {row['cpu_s']:.0f} s", flush=True)  # fmt: skip
-    print("\n".join(summary([row for row in done if row["kind"] == words.kind])))
+    print("\n".join(summary([row for row in done if row.get("kind", "one") == words.kind])))
     return 0
 
 

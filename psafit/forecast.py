@@ -44,7 +44,7 @@ sampler 63 and 30. `null`, a search where nothing is hidden, is half of one that
 docs/challenge.md; `nautilus` is a guess. (Measured with the search of version 0.1.0.) The searches are measured within
 the run before any of this is used.
 """
-OPEN = ("sample", "sampler")
+OPEN = ("sample", "adopted extension", "strict extension")
 """Parts that end by a rule of their own: what a chain takes is known from below, as its autocorrelation time is."""
 COUNTED = ("sample", "profile", "significance", "calibration")
 """Stages whose counts run from nought to the end."""
@@ -157,7 +157,12 @@ class Forecast:
         self._part, self._begun, self._reached, self._first = part, now, None, None
 
     def reach(self, done: float, now: float, total: float = 1.0) -> None:
-        """Say how much of the part is done; its total may grow."""
+        """Say how much of the part is done; its total may grow, and another count may begin."""
+        if self._reached and self._first and done < self._reached[0] and total != self._reached[1]:
+            # A part has several counts: what the one before has done is kept, in the unit of this one.
+            scale = total / self._reached[1]
+            self._first = self._first[0] * scale, self._first[1]
+            self._reached = self._reached[0] * scale, total
         self._first = self._first or (done, now)
         before = self._reached[0] if self._reached else 0.0
         self._reached = max(done, before), total  # some read back what others have counted

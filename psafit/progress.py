@@ -149,8 +149,7 @@ class _Lines(Silent):
             if total is not None and done > self._first[0]:
                 this = (heard - self._first[1]) / (done - self._first[0]) * (total - done)
                 this -= time.monotonic() - heard
-        at_least = self._at_least
-        left = ", ".join(filter(None, (_left(this, "of this", at_least=at_least), _until(self._end, at_least))))
+        left = ", ".join(filter(None, (_left(this, "of this"), _until(self._end, self._at_least))))
         if state:
             self._print("  " + "; ".join(filter(None, (state, left))))
 

@@ -572,9 +572,9 @@ class Validation(Brief):
     groups: list[GroupScore]
     holdout_log_rmse: float | None
     pit: dict[str, list[float]]
+    coverage_p_value: float
     laws: list[Broken] = field(default_factory=list)
     all_groups: Retested | None = None
-    coverage_p_value: float = math.nan
 
 
 def plain(value: Any) -> Any:

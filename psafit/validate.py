@@ -448,6 +448,8 @@ def _of_all(predictions: Sequence[Prediction]) -> float:
     Groups that are simulated from one draw share its errors.
     """
     unseen = [p for p in predictions if p.role == "holdout" and p.inside.size]
+    if not unseen:
+        return math.nan
     return _as_odd(sum(_inside(p).sum() for p in unseen), np.sum([p.inside for p in unseen], axis=0))
 
 
@@ -561,7 +563,7 @@ def _unseen(scores: Iterable[GroupScore]) -> list[GroupScore]:
 
 
 def _of_band(band: str, scores: Sequence[GroupScore]) -> list[GroupScore]:
-    looks = sum(math.isfinite(s.coverage_p_value) for s in scores)
+    looks = _looks(scores, "holdout")
     return [s for s in scores if band == _band(s.coverage_90, s.n_points, s.pit_p_value, s.coverage_p_value, looks)]
 
 
@@ -648,9 +650,9 @@ def verdict(
         parts.append(f"its 90 % band is too wide ({fixed(coverage, per_cent=True)} % of the readings inside)")
     elif pit_p_value * looks < LEVEL:
         parts.append("its 90 % band is wide enough, but the readings are not spread over it as predicted")
-    elif coverage < 0.9 - _slack(n) and math.isfinite(coverage_p_value):
-        by_chance = f"as it does by chance (p = {coverage_p_value:.2g})"
-        parts.append(f"its 90 % band holds {fixed(coverage, per_cent=True)} % of the readings, {by_chance}")
+    elif coverage < 0.9 - _slack(n):
+        chance = f" (p = {coverage_p_value:.2g}, one of {looks})" if math.isfinite(coverage_p_value) else ""
+        parts.append(f"its 90 % band holds {fixed(coverage, per_cent=True)} % of the readings{chance}")
     elif not drifts:
         parts.append("nothing speaks against its band")
     if drifts:

@@ -162,7 +162,9 @@ def make_validation(run: Run, predictions: list[Prediction]) -> Validation:
     scores = scores_of(predictions)
     unseen = [s.log_rmse for s in scores if s.role == "holdout" and s.informative]
     mean = float(np.mean(unseen)) if unseen else None
-    return Validation(run.fit.identity, 240, 7, scores, mean, {str(p.group.id): p.pit.tolist() for p in predictions})
+    return Validation(
+        run.fit.identity, 240, 7, scores, mean, {str(p.group.id): p.pit.tolist() for p in predictions}, 0.5
+    )
 
 
 def make_numerics(run: Run) -> Numerics:

@@ -80,6 +80,18 @@ def test_a_total_that_grows_takes_longer() -> None:
     assert not plan.is_open
 
 
+def test_a_part_of_several_counts_goes_on() -> None:
+    """A chain of ten thousand steps, then 48 profiles: an extension is one part of a diagnosis."""
+    plan = Forecast({"adopted extension": 4.0, "rest": 1.0})
+    plan.begin("adopted extension", 0.0)
+    assert plan.is_open
+    for done, total, now in ((0, 10_000, 0.0), (10_000, 10_000, 100.0), (0, 48, 101.0), (24, 48, 110.0)):
+        plan.reach(done, now, total)
+    assert plan.left(110.0) == pytest.approx(110.0 / 4)
+    plan.begin("rest", 120.0)
+    assert plan.left(120.0) == pytest.approx(120.0 / 4) and not plan.is_open
+
+
 def test_counts_that_begin_again_take_nothing_back() -> None:
     plan = Forecast(PLAN)
     plan.begin("profile", 0.0)

@@ -132,9 +132,11 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
         without = idle(terms, read.groups)
         if unseen := [id for id in found.unseen if id not in without]:
             click.echo(f"would not be seen: {', '.join(unseen)}")
-        titles = {o.name: o.titles for o in OBSERVABLES}
+        titles: dict[str | None, str] = {o.name: o.titles for o in OBSERVABLES}
         for one in found.shown:
-            click.echo(f"  {', '.join(one.causes)}: seen by {_measured(one, titles)}")
+            if causes := [id for id in one.causes if id in unseen]:
+                sweep = one.sweep and f"{one.sweep.readings} readings more, {one.sweep.text}"
+                click.echo(f"  {', '.join(causes)}: seen by {sweep or _also(one, titles)}")
         if rest := [id for id in unseen if not any(id in one.causes for one in found.shown)]:
             click.echo(f"  {', '.join(rest)}: by nothing that was tried")
         say_idle(without)
@@ -147,7 +149,7 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
                 click.echo(f"  {what} {s.readings} readings, {s.text} (the closest pair by {fixed(s.nats, 1)} nats)")
             if (other := block.also) is not None:
                 pairs = "them all" if other.splits else ", ".join(" from ".join(pair) for pair in other.pairs)
-                click.echo(f"  {_measured(other, titles)}, would distinguish {pairs}")
+                click.echo(f"  {_also(other, titles)}, would distinguish {pairs}")
         for line in _confounded_pairs(found):
             click.echo(line)
         if plot is not None:
@@ -155,13 +157,9 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
     return DONE
 
 
-def _measured(what: Shown | AlsoRead, titles: Mapping[str, str]) -> str:
-    """A further measurement, in words."""
-    from psafit.diagnose.isolability import Shown
-
-    if isinstance(what, Shown) and what.sweep is not None:
-        return f"{what.sweep.readings} readings more, {what.sweep.text}"
-    return what.trace.text if what.trace else f"{titles[what.observable or '']}, read of the same launches"
+def _also(what: Shown | AlsoRead, titles: Mapping[str | None, str]) -> str:
+    """Another observable, in words."""
+    return what.trace.text if what.trace else f"{titles[what.observable]}, read of the same launches"
 
 
 def _confounded_pairs(found: Isolability, most: int = 3) -> list[str]:

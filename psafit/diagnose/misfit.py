@@ -4,9 +4,9 @@ The statistics of the residuals (`psafit.diagnose.residuals`) have no law from a
 independent: data are simulated from the fit, refitted, and give every statistic its own law.
 
 The family has one p-value: every statistic is expressed in units of its own law (how far above the median, against
-the distance from the median to the 95 % point), the largest is the family's, and its rank among the same quantity
-of the simulated data is the p-value. A statistic counts as significant by itself when it exceeds the family's 95 %
-point.
+the distance from there to the 95 % point, as several quantiles together say), the largest is the family's, and its rank
+among the same quantity of the simulated data is the p-value. A statistic counts as significant by itself when it
+exceeds the family's 95 % point.
 
 A fit is *sound* where the family finds nothing, no readings of several groups stand out together (by the same level),
 and heavy tails were not needed to pass. Tails are heavy where a fitted number of degrees of freedom lies in the lower
@@ -81,7 +81,7 @@ class Statistic:
         Where it looks; None for all.
     value : float
     excess : float
-        In units of its own law: 0 at the median, 1 at the 95 % point.
+        In units of its own law: 0 at the median, 1 at the 95 % point, as several quantiles together say.
     p_value : float
         By itself.
     significant : bool
@@ -262,6 +262,7 @@ def examine(
     exact: bool | None = None,
     influence: bool = True,
     tails: bool = True,
+    level: float = ALPHA,
 ) -> Misfit:
     """Test a fitted model.
 
@@ -272,7 +273,7 @@ def examine(
         Causes whose directions are looked at.
     seed : int
     n_simulated : int
-        Data sets simulated from the fit; as many again, and so on, while it is open on which side of `ALPHA` the p
+        Data sets simulated from the fit; as many again, and so on, while it is open on which side of `level` the p
         value lies (`MisfitSettings.sure`).
     exact : bool, optional
         Whether they are refitted with the model itself and not with its expansion; by default where the model has a
@@ -281,40 +282,37 @@ def examine(
         Whether to ask if one group or a few readings are all that is wrong.
     tails : bool
         Whether to ask if heavy tails were needed to pass.
+    level : float
+        What the p value is held against.
     """
     settings = MisfitSettings()
     problem, u = candidate.problem, candidate.modes[:1]
     if exact is None:
         exact = path_of(candidate.terms) == "closed form"
     observed = normal_scores(problem, u, candidate.predicted[None, :], problem.observed, settings.clip)
-    simulate = _simulator(candidate, seed, exact, settings)
     directions = _directions(candidate, catalogue, settings.directions)
-    simulated = simulate(n_simulated)
-    while True:
-        looked = looks(problem, np.vstack([observed, simulated]), candidate.predicted, directions, settings)
-        table = np.array(list(looked.values()))  # (n_statistics, 1 + n)
-        table = np.vstack([table, oddness(table)])
-        excess = standardised(table, settings.scale)
-        largest = excess.max(axis=0)
-        as_large, n_simulated = int(np.sum(largest[1:] >= largest[0])), len(simulated)
-        if n_simulated >= settings.most or decided(as_large, n_simulated, settings.sure):
-            break
-        simulated = np.vstack([simulated, simulate(min(n_simulated, settings.most - n_simulated))])
-    names: list[Key] = [*looked, ("many of these at once", "all", None)]
-    null = table[:, 1:]
-    p_value = (1 + as_large) / (1 + n_simulated)
-    bar = float(np.quantile(largest[1:], 0.95))
     # No test is possible with as many parameters as readings, nor where the readings have no scatter.
     tested = problem.observed.size > problem.n_physical and not noise.too_fine(candidate.noise, observed[0], ALPHA)
+
+    def looked(simulated: FloatArray) -> tuple[list[Key], FloatArray, FloatArray]:
+        return _family(problem, np.vstack([observed, simulated]), candidate.predicted, directions, settings)
+
+    def as_large(simulated: FloatArray) -> int:
+        largest = looked(simulated)[2].max(axis=0)
+        return int(np.sum(largest[1:] >= largest[0]))
+
+    simulate = _simulator(candidate, seed, exact, settings)
+    most = settings.most if tested else n_simulated
+    simulated = until_decided(simulate, as_large, n_simulated, most=most, level=level, sure=settings.sure)
+    names, table, excess = looked(simulated)
+    largest, n = excess.max(axis=0), len(simulated)
+    p_value = float((1 + np.sum(largest[1:] >= largest[0])) / (1 + n))
+    bar = float(np.quantile(largest[1:], 0.95))
     if not tested:
         p_value, bar = 1.0, math.inf
-    statistics = [
-        Statistic(
-            name[0], name[1], name[2], float(table[k, 0]), float(excess[k, 0]),
-            float((1 + np.sum(null[k] >= table[k, 0])) / (1 + n_simulated)), bool(excess[k, 0] > bar),
-        )
-        for k, name in enumerate(names)
-    ]  # fmt: skip
+    alone = (1 + (table[:, 1:] >= table[:, :1]).sum(axis=1)) / (1 + n)
+    values = zip(names, table[:, 0].tolist(), excess[:, 0].tolist(), alone.tolist(), strict=True)
+    statistics = [Statistic(*name, value, far, p, far > bar) for name, value, far, p in values]
     statistics.sort(key=lambda s: -s.excess)
     places = _places(problem, observed[0], simulated, candidate.predicted, settings)
     coincidences = _coincidences(problem, observed[0], simulated, candidate.predicted) if tested else ()
@@ -323,15 +321,25 @@ def examine(
     odd_groups: tuple[GroupId, ...] = ()
     if p_value < ALPHA:
         character, odd_groups = character_of(candidate, catalogue, statistics, seed, odd_points, influence=influence)
-    usual, held = None, _with_usual_tails(candidate) if tails and ALPHA <= p_value < 1.0 else None
-    if held is not None:
+    usual = None
+    if tails and ALPHA <= p_value < 1.0 and (held := _with_usual_tails(candidate)) is not None:
         how: dict[str, Any] = {"n_simulated": n_simulated, "exact": exact, "influence": False, "tails": False}
         usual = examine(held, catalogue, seed=seed, **how).p_value
     return Misfit(
         p_value, tuple(statistics), places, coincidences, character, odd_groups, odd_points, observed[0],
-        n_simulated if tested else 0,
+        n if tested else 0,
         "exact" if exact else "expansion", usual,
     )  # fmt: skip
+
+
+def _family(
+    problem: Problem, e: FloatArray, predicted: FloatArray, directions: dict[str, FloatArray], settings: MisfitSettings
+) -> tuple[list[Key], FloatArray, FloatArray]:
+    """Every statistic by name, (n_statistics, 1 + n), and the same in units of its law."""
+    found = looks(problem, e, predicted, directions, settings)
+    table = np.array(list(found.values()))
+    table = np.vstack([table, oddness(table)])
+    return [*found, ("many of these at once", "all", None)], table, standardised(table, settings.scale)
 
 
 def _with_usual_tails(candidate: Candidate) -> Candidate | None:
@@ -366,11 +374,38 @@ def _simulator(candidate: Candidate, seed: int, exact: bool, settings: MisfitSet
     return simulate
 
 
-def decided(as_large: int, n: int, sure: float) -> bool:
-    """Whether a p value is surely on one side of `ALPHA`: its interval (Clopper and Pearson) does not hold it."""
+def until_decided(
+    simulate: Callable[[int], FloatArray],
+    as_large: Callable[[FloatArray], int],
+    n: int,
+    *,
+    most: int,
+    level: float = ALPHA,
+    sure: float = MisfitSettings.sure,
+) -> FloatArray:
+    """Simulated data sets, `n` and as many again while a p value is open, as long as that makes no more than `most`.
+
+    Parameters
+    ----------
+    simulate : callable
+        Gives the next so many, a row each.
+    as_large : callable
+        Number of some that are as odd as the readings.
+    n, most : int
+    level, sure : float
+        See `decided`.
+    """
+    found = simulate(n)
+    while 2 * len(found) <= most and not decided(as_large(found), len(found), level, sure):
+        found = np.vstack([found, simulate(len(found))])
+    return found
+
+
+def decided(as_large: int, n: int, level: float, sure: float) -> bool:
+    """Whether a p value is surely on one side of a level: its interval (Clopper and Pearson) does not hold it."""
     low = beta.ppf(0.5 * (1 - sure), as_large, n - as_large + 1) if as_large else 0.0
     high = beta.ppf(0.5 * (1 + sure), as_large + 1, n - as_large) if as_large < n else 1.0
-    return not low <= ALPHA <= high
+    return not low <= level <= high
 
 
 def _silent(candidate: Candidate, n: int, rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -513,9 +548,9 @@ def character_of(
             if others.observed.size < max(settings.others * own, 2 * problem.n_physical):
                 continue  # too few to find anything wrong
             without = refitted(others, candidate)
-            quick: dict[str, Any] = {"exact": False, "influence": False, "tails": False}
+            quick: dict[str, Any] = {"exact": False, "influence": False, "tails": False, "level": settings.clear}
             p = examine(without, catalogue, seed=seed, n_simulated=settings.n_without, **quick).p_value
-            if p > 0.1:
+            if p > settings.clear:
                 clean.append((p, group_id))
         if clean:
             return "group", (max(clean, key=lambda c: c[0])[1],)

@@ -58,6 +58,8 @@ class MisfitSettings:
         Readings that the other groups need to clear themselves where one is left out, as a share of that group's own.
     n_without : int
         Data sets simulated for the question whether one group is all that is wrong.
+    clear : float
+        P value from which on nothing is wrong with the others.
     """
 
     directions: tuple[float, ...] = (0.1, 0.4, 0.75, 0.95)
@@ -72,6 +74,7 @@ class MisfitSettings:
     exact_iterations: int = 4
     others: float = 0.5
     n_without: int = 149
+    clear: float = 0.1
 
 
 def normal_scores(

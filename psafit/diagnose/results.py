@@ -146,9 +146,11 @@ def cause_result(model_set: ModelSet, verdict: Verdict, candidate: Candidate) ->
 
 
 def separated(one: Candidate, other: Candidate) -> float:
-    """Nats by which the readings, measured once more, would separate two best fits, under the scatter of the first."""
-    apart = noise.innovations(other.predicted[None], one.predicted[None], one.noise, one.problem.known_sigma)
-    return 0.5 * float(np.sum(np.square(apart)))
+    """Nats by which the readings, measured once more, would separate two best fits, whichever has made them."""
+    known = one.problem.known_sigma
+    there = noise.innovations(other.predicted[None], one.predicted[None], one.noise, known)
+    back = noise.innovations(one.predicted[None], other.predicted[None], other.noise, known)
+    return 0.5 * max(float(np.sum(np.square(apart))) for apart in (there, back))
 
 
 def _sensitivity(candidate: Candidate, found: ImportanceSample) -> dict[str, float]:

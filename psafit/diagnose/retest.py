@@ -25,7 +25,7 @@ def retest(run: Run, *, n_simulated: int = 199, most_readings: int = 5_000) -> R
     ----------
     run : Run
     n_simulated : int
-        Data sets simulated from that fit.
+        Data sets simulated from that fit; more where it is open what they say, as of `examine`.
     most_readings : int
         Samples of traces among them; with more, as many data sets take minutes and gigabytes.
 
@@ -46,7 +46,7 @@ def retest(run: Run, *, n_simulated: int = 199, most_readings: int = 5_000) -> R
         found = examine(fitted, catalogue, seed=run.fit.seed, n_simulated=n_simulated, influence=False)
     except (ConvergenceError, np.linalg.LinAlgError):
         return None
-    return Retested(found.objection, found.least, n_simulated) if found.least < 1.0 else None
+    return Retested(found.objection, found.least, found.n_simulated) if found.least < 1.0 else None
 
 
 def kept(run: Run) -> Retested | None:

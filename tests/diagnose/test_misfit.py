@@ -10,9 +10,18 @@ from rigs import RIG
 from scipy.special import ndtri
 from truths import FEW, TRUTH, bump, experiment, few, narrow, problem, slip, unit
 
-from psafit.diagnose import misfit
 from psafit.diagnose.discrepancy import discrepancy
-from psafit.diagnose.misfit import ALPHA, Coincidence, Statistic, character_of, decided, examine, oddness, standardised
+from psafit.diagnose.misfit import (
+    ALPHA,
+    Coincidence,
+    Statistic,
+    character_of,
+    decided,
+    examine,
+    oddness,
+    standardised,
+    until_decided,
+)
 from psafit.diagnose.residuals import MisfitSettings, both, shared
 from psafit.experiment import Group, fingerprint
 from psafit.inference.candidate import fit
@@ -154,29 +163,33 @@ def test_the_scale_of_a_statistic_is_that_of_its_law():
     assert np.std(four) < 0.95 * np.std(one)
 
 
-def test_simulation_goes_on_while_a_p_value_is_open(sound, monkeypatch):
-    assert decided(0, 199, 0.95) and decided(20, 199, 0.95)
-    assert not decided(3, 199, 0.95) and not decided(0, 150, 0.95)
-    assert decided(3, 199, 0.0)
-    # The same first data sets, then as many again.
-    before = examine(sound, FEW, seed=1, n_simulated=99, influence=False)
+def test_simulation_goes_on_while_a_p_value_is_open(sound):
+    assert decided(0, 199, ALPHA, 0.95) and decided(20, 199, ALPHA, 0.95)
+    assert not decided(3, 199, ALPHA, 0.95) and not decided(0, 150, ALPHA, 0.95)
+    how = {"seed": 1, "n_simulated": 99, "influence": False, "tails": False}
+    before = examine(sound, FEW, **how)
     assert before.n_simulated == 99
-    monkeypatch.setattr(misfit, "ALPHA", before.p_value)
-    after = examine(sound, FEW, seed=1, n_simulated=99, influence=False)
-    assert after.n_simulated in (198, 396, 792, 1584, 1999)
-    assert after.p_value == pytest.approx(before.p_value, abs=0.15)
+    after = examine(sound, FEW, **how, level=before.p_value)
+    assert after.n_simulated in (198, 396, 792, 1584) and after.p_value == pytest.approx(before.p_value, abs=0.15)
+
+
+def test_the_first_data_sets_are_the_same_however_many_follow():
+    drawn = iter(range(10_000))
+    rows = until_decided(lambda n: np.array([[next(drawn)] for _ in range(n)]), lambda found: 3, 199, most=1_000)
+    assert rows.ravel().tolist() == list(range(796))  # 3 of 796 are surely below
+    few = until_decided(lambda n: np.zeros((n, 1)), lambda found: len(found) // 50, 199, most=1_000)
+    assert len(few) == 796  # open to the end; twice as many would be too many
 
 
 @pytest.mark.parametrize(("true", "least", "most"), [(0.01, 0.99, 1.0), (0.03, 0.0, 0.01)])
 def test_a_p_value_near_the_level_falls_on_its_side(true, least, most):
     """As docs/diagnosis.md says; with 199 data sets alone 68 % and 6 % are rejected."""
-    rng, settings, rejected = np.random.default_rng(1), MisfitSettings(), []
+    rng, rejected = np.random.default_rng(1), []
     for _ in range(1_000):
-        n, as_large = 199, rng.binomial(199, true)
-        while n < settings.most and not decided(as_large, n, settings.sure):
-            more = min(n, settings.most - n)
-            n, as_large = n + more, as_large + rng.binomial(more, true)
-        rejected.append((1 + as_large) / (1 + n) < ALPHA)
+        rows = until_decided(
+            lambda n: rng.random((n, 1)) < true, lambda found: int(found.sum()), 199, most=MisfitSettings.most
+        )
+        rejected.append((1 + rows.sum()) / (1 + len(rows)) < ALPHA)
     assert least <= np.mean(rejected) <= most
 
 

@@ -30,13 +30,12 @@ from psafit.text import significant
 
 
 def test_how_far_two_best_fits_are_apart(hidden):
-    """Half the sum of squares of their difference, in the scatter of the first."""
+    """Half the sum of squares of their difference, in the scatter of the one that is surer."""
     one, other = hidden.best_model, hidden.baseline
     assert separated(one, one) == 0.0
-    relative, absolute = one.noise[0, :2]
-    sd = np.hypot(absolute, relative * one.predicted)
-    by_hand = 0.5 * np.sum(((other.predicted - one.predicted) / sd) ** 2)
-    assert separated(one, other) == pytest.approx(by_hand) and by_hand > 3
+    sd = [np.hypot(c.noise[0, 1], c.noise[0, 0] * c.predicted) for c in (one, other)]
+    by_hand = 0.5 * max(np.sum(((other.predicted - one.predicted) / s) ** 2) for s in sd)
+    assert separated(one, other) == separated(other, one) == pytest.approx(by_hand) and by_hand > 3
     tied = SimpleNamespace(named=one.ids, probability=hidden.probability, alternatives=(other.ids,))
     assert cause_result(hidden, tied, other).again == pytest.approx(by_hand)
     assert cause_result(hidden, tied, one).again is None

@@ -112,7 +112,7 @@ def test_first_screen_answers(page):
     assert "goes from a factor of 2.49 to 1.29" in text
     assert "Baseline off by ×" in page.text and "extended model off by ×" in page.text
     missed = "in which the extended model gains most, and of the others the one that the extended model misses most, "
-    assert re.search(rf"Below, group \S+( \([a-z ]+\))?, {missed}group ", text)
+    assert f"Below, group 1, {missed}group {HOSTILE}." in text
     assert "22,000 times" in text
     apart = "separates hysteresis of the stack from gap at rest + slew-limited amplifier"
     assert f"Next, measure sine, 20 V: it best {apart}, with an expected lead of 12.5 ± 0.4 nats." in text
@@ -480,7 +480,7 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(tmp_path):
     record = replace(record, next_experiment=replace(record.next_experiment, proposals=[best]))
     text = build(record, experiment, tmp_path).first_screen
     assert (
-        "No measurement within what was measured, or what [limits] states, would show much: sine, 20 V, separates"
+        "No measurement within the ranges measured, or those of [limits], would show much: sine, 20 V, separates"
         in text
     )
     assert "with an expected lead of 0.4 ± 0.1 nats, hardly worth the measurement." in text

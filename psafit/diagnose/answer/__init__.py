@@ -156,7 +156,7 @@ def _values(d: Diagnosis) -> Iterator[Statement]:
         yield Lagging(lag)
     again = [c.again for c in d.causes if c.again is not None]
     if d.verdict == "ambiguous" and again and max(again) < d.settings.search.visible:
-        yield Indistinct(max(again), 1 + len(again))
+        yield Indistinct(max(again), len(again))
 
 
 def _sized(causes: list[CauseResult]) -> dict[str, ParameterResult]:

@@ -345,16 +345,17 @@ class Implausible(Statement):
 
 @dataclass(frozen=True)
 class Indistinct(Statement):
-    """Tied sets that say the same of these readings: more of them would not decide."""
+    """Tied sets whose best fits to these readings are the same: more of them would not decide."""
 
     topic = "wrong"
     nats: float
-    sets: int
+    others: int
 
     def say(self, words: Words) -> str:
-        them = "the two" if self.sets == 2 else "them"
+        them = "the two" if self.others == 1 else "the first from the others"
         return words.put(
-            "Measured once more, all these readings would separate {} by {} at most: that takes another measurement.",
+            "Measured once more, these readings would separate the best fits of {} by about {}: another measurement has"
+            " to decide.",
             them, words.number(f"{fixed(self.nats, 1)} nats"),
         )  # fmt: skip
 

@@ -117,7 +117,7 @@ class Next(Statement):
 
     def say(self, words: Words) -> str:
         first, equal = self.found.proposals[0], self.found.as_good
-        how = "No measurement within what was measured, or what [limits] states, would show much: {}, {}"
+        how = "No measurement within the ranges measured, or those of [limits], would show much: {}, {}"
         if self.found.recommended:
             how = "Next, measure {}: it {}" if equal else "Next, measure {}: it best {}"
         others = f"; {count(equal, 'other proposal')} may do as well." if equal else "."

@@ -55,8 +55,8 @@ def _by_gain(g: Shown) -> tuple[float, float]:
 def _missed(worst: Sequence[Shown]) -> str:
     """Which groups `summary_picture` has chosen, and why."""
     first, *others = worst
-    gains = f"in which the {first.curves[-1].name} gains most" if len(first.curves) > 1 else ""
-    text = f"group {first.name}, {gains or f'which the {first.curves[0].name} misses most'}"
+    last, gained = first.curves[-1].name, len(first.curves) > 1
+    text = f"group {first.name}, {f'in which the {last} gains most' if gained else f'which the {last} misses most'}"
     return text + "".join(
         f", and of the others the one that the {other.curves[-1].name} misses most, group {other.name}"
         if len(other.curves) > 1

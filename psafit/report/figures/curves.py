@@ -178,12 +178,10 @@ def relative(group: Group, curves: Sequence[Curve]) -> tuple[Group, list[Curve]]
 
 
 def relative_view(group: Group, curves: Sequence[Curve]) -> View:
-    """What a picture of that shows: all readings, curves and bands."""
+    """What a picture of that shows: readings and curves; bands may leave it."""
     log = group.time_us is None
-    ends = (end for c in curves for b in c.bands for end in (b.low, b.high))
-    every = np.concatenate([group.reading, *(c.middle for c in curves), *ends])
-    every = every[every > 0] if log else every
-    return *widened(float(every.min()), float(every.max()), 0.08, log=log), log
+    every = np.concatenate([group.reading, *(c.middle for c in curves)])
+    return *widened(float(every.min()), float(every.max()), 0.25, log=log), log
 
 
 def draw_curves(

@@ -84,6 +84,8 @@ class Example:
     def magnified(self, least: float = 0.1) -> Example:
         """The same against the first curve, if the others lie within a part `least` of the picture's height of it."""
         curves = self.curves
+        if len(curves) < 2:  # one curve does not lie on another
+            return self
         positive = all((values > 0).all() for values in (self.group.reading, *(c.middle for c in curves)))
         if apart(self.group, curves) >= least or not (positive or self.group.time_us is not None):
             return self
