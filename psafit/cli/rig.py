@@ -87,8 +87,8 @@ def plan(
     """Turn a measurement that a diagnosis RUN proposes into an experiment folder.
 
     It holds what was measured and one more group, whose file waits for its readings. With --isolability, say which
-    causes the conditions of an experiment folder EXP can distinguish, and which sweep would split those that are
-    confounded. Its files need no readings.
+    causes the conditions of an experiment folder EXP can distinguish, which sweep would split those that are
+    confounded, and what would show those that would not be seen. Its files need no readings.
     """
     if isolability:
         if out is not None:
