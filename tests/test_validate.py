@@ -206,6 +206,27 @@ def test_a_fit_predicts_only_with_errors_and_coverage_that_are_known() -> None:
         assert ("predicted well" in validate.verdict(np.full(n, 0.05), coverage, 0.5, 0.5, **how)) is well
 
 
+def test_a_band_that_holds_few_is_given_with_the_chance_of_that() -> None:
+    """One of ten groups: what happens once in 800 is no news yet, and no reading of it is hidden."""
+    errors, p = np.full(40, 0.05), 0.0012
+    said = validate.verdict(errors, 0.6, 0.5, 0.5, coverage_p_value=p, looks=10)
+    assert said.endswith("its 90 % band holds 60 % of the readings (p = 0.0012, one of 10)")
+    assert "holds only 60 %" in validate.verdict(errors, 0.6, 0.5, 0.5, coverage_p_value=p, looks=8)
+    assert validate.verdict(errors, 0.6, 0.5, 0.5).endswith("its 90 % band holds 60 % of the readings")
+
+
+def test_unseen_groups_are_simulated_together(checked) -> None:  # type: ignore[no-untyped-def]
+    """Group by group from one draw: counts of a row add up."""
+    _, record, predictions = checked
+    unseen = [p for p in predictions if p.role == "holdout"]
+    inside = sum(np.sum((p.lower <= p.group.reading) & (p.group.reading <= p.upper)) for p in unseen)
+    simulated = np.sum([p.inside for p in unseen], axis=0)
+    assert simulated.size >= 100 and simulated.max() <= sum(p.group.n_points for p in unseen)
+    few, many = ((1 + np.sum(x)) / (1 + simulated.size) for x in (simulated <= inside, simulated >= inside))
+    assert record.coverage_p_value == pytest.approx(min(few, many))
+    assert math.isnan(validate._of_all([replace(p, role="fit") for p in predictions]))
+
+
 def test_errors_that_drift_in_what_was_fitted_put_its_values_in_doubt(checked) -> None:  # type: ignore[no-untyped-def]
     """Of what was only predicted they say that the model fails, not that a value stands in for something."""
     found = checked[1]
