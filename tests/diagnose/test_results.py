@@ -126,7 +126,7 @@ def test_values_that_nobody_expects_are_flagged():
     """A lag far beyond what is believed of it, and nothing else; the wider its prior, the more evidence it has."""
     e = experiment(["amplifier_lag"], [4e-5])
     reported = Belief("amplifier_lag_tau", Normal(0.0, 1.2e-5), "a data sheet")
-    verdict = SimpleNamespace(named=("amplifier_lag",), probability={("amplifier_lag",): 1.0})
+    verdict = SimpleNamespace(named=("amplifier_lag",), probability={("amplifier_lag",): 1.0}, alternatives=())
     for beliefs, flagged in (((), []), ((reported,), ["amplifier_lag_tau"])):
         one = problem(replace(e, beliefs=beliefs))
         lag = replace(one, terms=terms(["amplifier_lag"])).terms
