@@ -342,12 +342,28 @@ class Effects:
         return min(left)
 
 
+Further = tuple[Possible, Sequence[Effects]]
+"""A sweep that the rig allows, and what causes do along it at each place."""
+
+
 class _Other(NamedTuple):
     """What causes do where another observable is read, too; `trace` where that is a trace of one more launch."""
 
     name: str
     effects: list[Effects]
     trace: Possible | None = None
+
+
+def _nats(
+    effects: Sequence[Effects], truth: Sequence[str], rival: Sequence[str], settings: IsolabilitySettings
+) -> float:
+    """By which readings of some causes speak against others: the median of the places."""
+    return float(np.median([one.against(truth, rival, settings) for one in effects]))
+
+
+def _with(planned: Sequence[Effects], further: Iterable[Effects], points: NDArray[np.intp]) -> list[Effects]:
+    """What a refit leaves at each place, with some readings of one more session."""
+    return [one.with_part(more, points).refitted() for one, more in zip(planned, further, strict=True)]
 
 
 def _summed(effects: Sequence[FloatArray]) -> FloatArray:
@@ -406,7 +422,7 @@ def isolability(
     ids = [t.id for t in catalogue]
 
     def evidence_against(truth: Sequence[str], rival: Sequence[str] = ()) -> float:
-        return float(np.median([one.against(truth, rival, settings) for one in effects]))
+        return _nats(effects, truth, rival, settings)
 
     seen = [evidence_against([id]) for id in ids]
     nats = [[0.0 if i == j else evidence_against([i], [j]) for j in ids] for i in ids]
@@ -416,15 +432,15 @@ def isolability(
     hidden = [t for t in catalogue if t.id not in visible]
     asked = [*confounded, *hidden]
     others = _others(constants, groups, limits, raw, at, asked, settings) if asked else []
+    more = [(s, [Effects.at(s.design, theta, asked, settings) for theta in at]) for s in sweeps] if asked else []
     split: list[Block] = []
     for k, block in enumerate(blocks):
         progress(k, len(blocks))
-        terms = [t for t in confounded if t.id in block]
-        split.append(Block(block, _cheapest(raw, sweeps, at, terms, settings), _also(effects, others, block, settings)))
+        split.append(Block(block, _cheapest(raw, more, block, settings), _also(effects, others, block, settings)))
     return Isolability(
         title=title, readings=design.n_points, causes=ids, seen=seen, nats=nats,
         unseen=[id for id in ids if id not in visible],
-        shown=_shown(raw, sweeps, others, at, hidden, settings) if hidden else [],
+        shown=_shown(raw, more, others, [t.id for t in hidden], settings),
         pairs=_pairs(visible, evidence_against, settings.apart),
         taken_for={
             i: near for i in visible
@@ -491,8 +507,7 @@ def _others(
         if p.design.measured[0] not in measured:
             every = np.arange(p.design.n_points)
             further = (Effects.at(p.design, theta, terms, settings) for theta in places)
-            effects = [b.with_part(m, every).refitted() for b, m in zip(before, further, strict=True)]
-            found.append(_Other(OBSERVABLES[p.design.measured[0]].name, effects, p))
+            found.append(_Other(OBSERVABLES[p.design.measured[0]].name, _with(before, further, every), p))
     return found
 
 
@@ -503,10 +518,7 @@ def _also(
 
     def apart(effects: Sequence[Effects]) -> dict[tuple[str, str], float]:
         """Return, by pair, the nats of the side that is harder to show."""
-        each = {
-            (a, b): float(np.median([one.against([a], [b], settings) for one in effects]))
-            for a, b in itertools.permutations(ids, 2)
-        }
+        each = {(a, b): _nats(effects, [a], [b], settings) for a, b in itertools.permutations(ids, 2)}
         return {(a, b): min(each[a, b], each[b, a]) for a, b in itertools.combinations(ids, 2)}
 
     before, best = apart(planned), None
@@ -521,25 +533,16 @@ def _also(
 
 
 def _cheapest(
-    planned: Sequence[Effects],
-    sweeps: Sequence[Possible],
-    places: Sequence[FloatArray],
-    terms: Sequence[Term],
-    settings: IsolabilitySettings,
+    planned: Sequence[Effects], further: Sequence[Further], ids: Sequence[str], settings: IsolabilitySettings
 ) -> Split | None:
     """The sweep of fewest readings that distinguishes all pairs of some causes; the best one where none does."""
-    ids = [t.id for t in terms]
     before = [one.of(ids) for one in planned]
-    further = [[Effects.at(s.design, theta, terms, settings) for theta in places] for s in sweeps]
     best: Split | None = None
     for n in settings.readings:
-        for sweep, more in zip(sweeps, further, strict=True):
+        for sweep, more in further:
             points = np.unique(np.linspace(0, sweep.design.n_points - 1, n).round().astype(int))
-            effects = [b.with_part(m, points).refitted() for b, m in zip(before, more, strict=True)]
-            least = min(
-                float(np.median([one.against([a], [b], settings) for one in effects]))
-                for a, b in itertools.permutations(ids, 2)
-            )
+            effects = _with(before, more, points)
+            least = min(_nats(effects, [a], [b], settings) for a, b in itertools.permutations(ids, 2))
             if best is None or least > best.nats:
                 best = Split(**vars(Sweep.of(sweep, points)), nats=least, splits=least >= settings.apart)
         if best is not None and best.splits:
@@ -549,41 +552,31 @@ def _cheapest(
 
 def _shown(
     planned: Sequence[Effects],
-    sweeps: Sequence[Possible],
+    further: Sequence[Further],
     others: Sequence[_Other],
-    places: Sequence[FloatArray],
-    terms: Sequence[Term],
+    ids: Sequence[str],
     settings: IsolabilitySettings,
 ) -> list[Shown]:
     """What shows causes that the design does not, the cheapest first: sweeps, then other observables, then traces.
 
     Of each kind first what shows most of them, then what shows most of the rest.
     """
-    ids = [t.id for t in terms]
     before = [one.of(ids) for one in planned]
-    further: list[tuple[Shown, Sequence[Effects]]] = []
-    for sweep in sweeps:
-        every = np.arange(sweep.design.n_points)
-        more = (Effects.at(sweep.design, theta, terms, settings) for theta in places)
-        effects = [b.with_part(m, every).refitted() for b, m in zip(before, more, strict=True)]
-        further.append((Shown([], [], sweep=Sweep.of(sweep)), effects))
+    sweeps = [
+        (Shown([], [], sweep=Sweep.of(sweep)), _with(before, more, np.arange(sweep.design.n_points)))
+        for sweep, more in further
+    ]
     also = [(Shown([], [], observable=one.name), one.effects) for one in others if one.trace is None]
     traced = [
         (Shown([], [], observable=one.name, trace=TracedLaunch.of(one.trace)), one.effects)
         for one in others
         if one.trace
     ]
-    found, left = [], ids
-    for kind in (further, also, traced):
-        seen = [
-            {id: float(np.median([one.against([id], [], settings) for one in effects])) for id in ids}
-            for _, effects in kind
-        ]
-        while left and kind:
-            what, nats = max(
-                zip((one for one, _ in kind), seen, strict=True),
-                key=lambda each: sum(each[1][id] >= settings.apart for id in left),
-            )
+    found, left = [], list(ids)
+    for kind in (sweeps, also, traced):
+        seen = [(what, {id: _nats(effects, [id], [], settings) for id in ids}) for what, effects in kind]
+        while left and seen:
+            what, nats = max(seen, key=lambda each: sum(each[1][id] >= settings.apart for id in left))
             causes = [id for id in left if nats[id] >= settings.apart]
             if not causes:
                 break
