@@ -25,7 +25,7 @@ from psafit.experiment import Experiment, Group, GroupId
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.trace_table import TIME
 from psafit.files import ensure_writable, usual_fit_folder, usual_folder
-from psafit.inference.identify import describe
+from psafit.inference.identify import describe, not_expected
 from psafit.inference.run import fit
 from psafit.inference.run_folder import Run
 from psafit.inference.samplers import USUAL
@@ -440,7 +440,7 @@ def _sizes(cause: CauseResult) -> Iterator[tuple[str, str]]:
             size = f"{significant(p.median)}{unit} (not sampled)"
         else:
             size = describe("", p.unit, p.median, p.interval, [], "determined").removeprefix(" = ")
-        yield name, size + ("; implausible under its prior" if name in cause.implausible else "")
+        yield name, size + (not_expected(p.prior_interval) if name in cause.implausible else "")
 
 
 def _listed(given: GroupId | Sequence[GroupId]) -> list[GroupId]:

@@ -484,6 +484,12 @@ class Parameter:
         """Value in the middle of the prior."""
         return float(self.to_physical(self.prior_middle[1]))
 
+    @cached_property
+    def prior_interval(self) -> tuple[float, float]:
+        """Central 90 % interval of the prior."""
+        low, high = self.to_physical(self.prior_quantile([0.05, 0.95]))
+        return float(low), float(high)
+
     def prior_share(self, value: float) -> float:
         """Share of the prior below a value."""
         return float(np.interp(float(self.to_sampling(value)), self.prior_quantile(SHARES), SHARES))

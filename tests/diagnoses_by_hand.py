@@ -48,8 +48,15 @@ def parameters(*names: str, sampled: bool = True) -> dict[str, ParameterResult]:
     units = {"k_c": "N/m", "hysteresis_strength": "1", "hysteresis_voltage": "V", "sigma_abs": "um"}
     return {
         n: ParameterResult(
-            4.1e5, 3.8e5 if sampled else None, 4.4e5 if sampled else None, units[n], f"what {n} means", 0.985
-        )
+            4.1e5,
+            3.8e5 if sampled else None,
+            4.4e5 if sampled else None,
+            units[n],
+            f"what {n} means",
+            0.985,
+            prior_lower=1e4,
+            prior_upper=2e5,
+        )  # fmt: skip
         for n in names
     }
 

@@ -237,7 +237,7 @@ def share_text(fraction: float) -> str:
 
 def _sizes(cause: CauseResult, *, whole: bool) -> Iterator[str]:
     """The values of a model's own causes, as the readings determine them; of the `whole` rig, if wanted."""
-    from psafit.inference.identify import describe
+    from psafit.inference.identify import describe, not_expected
     from psafit.physics import baseline, owner
 
     plain = {p.name for p in baseline.PARAMETERS}
@@ -245,4 +245,4 @@ def _sizes(cause: CauseResult, *, whole: bool) -> Iterator[str]:
         mine = owner(name) in cause.terms or (whole and name in plain)
         if mine and p.interval is not None:
             size = describe(name, p.unit, p.median, p.interval, [], "determined")
-            yield size + ("; implausible under its prior" if name in cause.implausible else "")
+            yield size + (not_expected(p.prior_interval) if name in cause.implausible else "")

@@ -222,7 +222,7 @@ def _span(span: list[float], unit: str) -> str:
 
 def _say_fit(result: Run, numerics: Numerics) -> None:
     """Say what a fit found, and whether it converged."""
-    from psafit.inference.identify import profiled
+    from psafit.inference.identify import not_expected, profiled
     from psafit.inference.samplers import sampler
     from psafit.inference.summary import overdamped
     from psafit.report.wording import compared
@@ -237,7 +237,7 @@ def _say_fit(result: Run, numerics: Numerics) -> None:
     for p in result.summary.parameters:
         strange = p.implausible and p.verdict != "not determined"
         also = profiled(p.profile, (p.lower, p.upper), p.verdict)
-        click.echo(f"  {p.text}{also}" + ("; implausible under its prior" if strange else ""))
+        click.echo(f"  {p.text}{also}" + (not_expected((p.prior_lower, p.prior_upper)) if strange else ""))
     if lagging := overdamped(result.problem, result.summary.parameters):
         click.echo(lagging.text)
     click.echo(f"posterior: {result.summary.message}")

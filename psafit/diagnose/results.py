@@ -76,7 +76,7 @@ def _parameters(model_set: ModelSet, candidate: Candidate) -> dict[str, Paramete
     quantiles = model_set.quantiles(candidate.ids, (0.05, 0.5, 0.95))
     for p, (lower, median, upper) in zip(candidate.problem.parameters, quantiles.T.tolist(), strict=True):
         low, high = (lower, upper) if candidate.ids in model_set.samples else (None, None)
-        known = p.prior_share(median), p.reciprocal or None
+        known = p.prior_share(median), p.reciprocal or None, *p.prior_interval
         parameters[p.name] = ParameterResult(median, low, high, p.unit, p.description, *known)
     return parameters
 

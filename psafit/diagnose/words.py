@@ -61,6 +61,10 @@ class Words:
         interval = f" ({significant(ends[0])} to {significant(ends[1])})" if ends else ""
         return f"{significant(median)}{interval}{'' if unit == '1' else f' {unit}'}"
 
+    def span(self, unit: str, ends: tuple[float, float]) -> str:
+        """Return where a value may lie."""
+        return f"{significant(ends[0])} to {significant(ends[1])}{'' if unit == '1' else f' {unit}'}"
+
     # What follows is made of the above.
 
     def instead(self, named: Sequence[str], ids: Sequence[str], large: int = 3) -> str:

@@ -19,7 +19,7 @@ from psafit.inference.problem import Problem
 from psafit.parameters import Parameter
 from psafit.physics import baseline
 from psafit.records import ProfilePoint
-from psafit.text import resolved
+from psafit.text import resolved, significant
 
 # Half the 90 % point of chi-square with one degree of freedom (Wilks): the drop of log likelihood at either end of a
 # 90 % interval, hence at a single limit that holds with 95 %.
@@ -331,6 +331,12 @@ def profiled(points: list[ProfilePoint], interval: tuple[float, float], word: st
         return ""
     lower, upper = (resolved(end, (interval[1] - interval[0]) / 2) for end in interval)
     return f"; that is by the profile likelihood; by the posterior, with its priors: {lower} to {upper} (90 %)"
+
+
+def not_expected(expected: tuple[float, float] | None) -> str:
+    """What is added to an implausible value: where its prior expects it."""
+    where = f" ({significant(expected[0])} to {significant(expected[1])} expected)" if expected else ""
+    return f"; implausible under its prior{where}"
 
 
 def describe(

@@ -51,7 +51,7 @@ def summarise(
         word = identify.verdict(points) if points else identify.verdict_of_draws(sampled[:, i], parameter, contraction)
         if word == "not determined" and not points and parameter.is_implausible(median):
             word = "determined"  # readings drove it where its prior is not
-        prior_lower, prior_upper = (float(x) for x in parameter.to_physical(parameter.prior_quantile([0.05, 0.95])))
+        prior_lower, prior_upper = parameter.prior_interval
         entries.append(
             ParameterSummary(
                 name=parameter.name,

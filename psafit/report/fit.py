@@ -36,6 +36,7 @@ from psafit.report.wording import (
     percent,
     prefixed,
     rounded,
+    span,
     symbol_html,
     typeset,
     unit_text,
@@ -298,8 +299,10 @@ def _what_is_implausible(run: Run) -> list[Markup]:
     strange = [s for s in run.summary.parameters if s.implausible]
     if not strange:
         return []
-    text = "Implausible: {} {} among the least probable 5 % of its prior."
-    return [Markup(text).format(listed(symbols[s.name] for s in strange), "lies" if len(strange) == 1 else "each lie")]
+    units = {e.name: e.unit for e in run.fit.parameters}
+    text = Markup("{} (its prior expects {})")
+    each = (text.format(symbols[s.name], span((s.prior_lower, s.prior_upper), units[s.name])) for s in strange)
+    return [Markup("Implausible: {}.").format(listed(each))]
 
 
 def tiles_of(validation: Validation) -> list[dict[str, str]]:

@@ -74,6 +74,13 @@ def with_unit(text: str, unit: str) -> str:
     return f"{text}{NBSP}{unit_text(unit)}" if unit_text(unit) else text
 
 
+def span(values: Sequence[float], unit: str) -> str:
+    """From the least to the greatest of some values, or the one that they are."""
+    unit, (low, high) = prefixed(unit, min(values), max(values))
+    text = number(low) if math.isclose(low, high) else interval(low, high)
+    return with_unit(text, unit)
+
+
 def offsets(groups: Iterable[Group]) -> str:
     """The offset of `log_rmse`; where several observables were read, that of each."""
     found = {g.observable.name: g.observable for g in groups}.values()

@@ -264,9 +264,13 @@ def test_what_fits_at_implausible_values_is_not_said_to_explain() -> None:
 
 def test_an_implausible_scatter_is_flagged_too() -> None:
     first, *others = record().causes
-    d = replace(record(), causes=[replace(first, implausible=["sigma_abs"]), *others])
-    (found,) = of(d, Implausible)
-    assert found.say(PLAIN) == "Implausible values: sigma_abs of hysteresis."
+    wide = replace(first.parameters["sigma_abs"], median=2e-4, lower=1e-4, upper=3e-4, unit="m")
+    for ends, expected in (((None, None), ""), ((1e-6, 2e-5), " (its prior expects 1e-06 to 2e-05 m)")):
+        scatter = replace(wide, prior_lower=ends[0], prior_upper=ends[1])
+        model = replace(first, implausible=["sigma_abs"], parameters=first.parameters | {"sigma_abs": scatter})
+        (found,) = of(replace(record(), causes=[model, *others]), Implausible)
+        value = "sigma_abs = 0.0002 (0.0001 to 0.0003) m"
+        assert found.say(PLAIN) == f"Implausible values: {value}{expected} of hysteresis."
 
 
 def test_groups_that_are_predicted_worse_are_named() -> None:

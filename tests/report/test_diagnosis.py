@@ -103,7 +103,8 @@ def test_first_screen_answers(page):
     assert "The tests find the baseline wrong: of 999 data sets simulated from the fitted baseline, none look" in text
     assert "hysteresis of the stack (probability 61 %)" in text
     assert "90 % interval: hysteresis of the stack s = 4.10 × 10⁵ (3.80 to 4.40) × 10⁵ and" in text  # sizes
-    assert "Implausible values: U of hysteresis of the stack." in text
+    expected = "(its prior expects 1.00 × 10⁴ to 2.00 × 10⁵ V) of hysteresis of the stack."
+    assert f"Implausible values: U = 4.10 × 10⁵ V (3.80 to 4.40) × 10⁵ {expected}" in text
     assert "without a name keeps" not in text
     odd = (
         "group 1, 200 Hz, 20 V (100 µm read, 140 µm predicted). 1 reading is off by more than four standard deviations."

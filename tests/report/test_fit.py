@@ -138,7 +138,7 @@ def test_parameters_agree_with_the_record(page):
         row = next(r for r in re.findall(r"<tr>(.*?)</tr>", page.html, re.S) if f"{s.r_hat:.4f}" in r)
         assert ("implausible under the prior" in row) == s.implausible
         assert ("no lower limit" in row) == (s.verdict == "bounded above")
-    assert "Implausible: cs lies among the least probable 5 % of its prior" in page.reader.text
+    assert "Implausible: cs (its prior expects 23.3 to 43000 N s/m)." in page.reader.text
     assert "cs is beyond critical damping (3300 N s/m)" in page.reader.text
 
 

@@ -150,8 +150,8 @@ def _values(d: Diagnosis) -> Iterator[Statement]:
         yield BySession(d.best_model.sessions)
     # Of a baseline that is wrong no value is believed anyway.
     named = [d.best_model] if d.best_model and (d.named or d.verdict == "adequate") else []
-    if odd := [(c.terms, c.implausible) for c in [*named, *tied] if c.implausible]:
-        yield Implausible(odd)
+    if odd := [c for c in [*named, *tied] if c.implausible]:
+        yield Implausible([(c.terms, [(name, c.parameters[name]) for name in c.implausible]) for c in odd])
     if named and (lag := named[0].overdamped):
         yield Lagging(lag)
     again = [c.again for c in d.causes if c.again is not None]

@@ -333,14 +333,22 @@ class Implausible(Statement):
     """
 
     topic = "wrong"
-    values: list[tuple[list[str], list[str]]]
+    values: list[tuple[list[str], list[tuple[str, ParameterResult]]]]
 
     def say(self, words: Words) -> str:
         each = (
-            words.put("{} of {}", words.listed(map(words.parameter, names)), words.causes(terms))
-            for terms, names in self.values
+            words.put("{} of {}", words.listed(_beside_prior(words, *value) for value in values), words.causes(terms))
+            for terms, values in self.values
         )
         return words.put("Implausible values: {}.", words.joined("; ", each))
+
+
+def _beside_prior(words: Words, name: str, p: ParameterResult) -> str:
+    """A value, and where its prior expects it."""
+    value = words.size(name, p.unit, p.median, p.interval)
+    if p.prior_interval is None:
+        return value
+    return words.put("{} (its prior expects {})", value, words.span(p.unit, p.prior_interval))
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,8 @@ class ParameterResult:
         Quantile of the prior at which the median lies; nan where that is not known.
     reciprocal : str, optional
         Unit of its reciprocal, where that is the quantity that people know.
+    prior_lower, prior_upper : float, optional
+        Central 90 % interval of the prior.
     """
 
     median: float
@@ -35,6 +37,13 @@ class ParameterResult:
     description: str
     prior_share: float
     reciprocal: str | None = field(default=None, metadata=ABSENT)
+    prior_lower: float | None = field(default=None, metadata=ABSENT)
+    prior_upper: float | None = field(default=None, metadata=ABSENT)
+
+    @property
+    def prior_interval(self) -> tuple[float, float] | None:
+        """The ends of the prior's 90 % interval; None where that is not known."""
+        return None if self.prior_lower is None or self.prior_upper is None else (self.prior_lower, self.prior_upper)
 
     @property
     def interval(self) -> tuple[float, float] | None:

@@ -30,6 +30,7 @@ from psafit.report.wording import (
     p_value,
     percent,
     prefixed,
+    span,
     typeset,
     with_unit,
 )
@@ -101,6 +102,9 @@ class PageWords(Words):
         error_text = f"({error_text})" if error_text and not error_text.startswith("(") else error_text
         middle = with_unit(number(median, spread if spread > 0 else None), unit)
         return Markup("{} {}").format(middle, error_text).strip()
+
+    def span(self, unit: str, ends: tuple[float, float]) -> str:
+        return span(ends, unit)
 
 
 PAGE = PageWords()

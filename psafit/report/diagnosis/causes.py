@@ -23,6 +23,7 @@ from psafit.diagnose.record.models import (
     UNSEEN,
     CauseResult,
     Evidence,
+    ParameterResult,
     ScreeningResult,
 )
 from psafit.diagnose.words import NO_ACTION
@@ -36,7 +37,7 @@ from psafit.report.figures.axes import label, scale_axis
 from psafit.report.figures.influence import influence_figure
 from psafit.report.page import Picture, figure_data_uri
 from psafit.report.style import PALETTE, figure_style, new_figure
-from psafit.report.wording import NBSP, interval, noted, number, typeset, with_unit
+from psafit.report.wording import NBSP, interval, noted, number, span, typeset, with_unit
 from psafit.text import count, fixed, significant
 
 _SCREENED: Final = {
@@ -151,7 +152,7 @@ def _parameters(cause: CauseResult) -> dict[str, Any]:
                 with_unit(number(median, spread if spread > 0 else None), unit),
                 with_unit(interval(low, high, spread), unit) if high > low else "its optimum: not sampled",
                 _at_prior(share),
-                {"text": "implausible", "kind": "bad"}
+                {"text": _not_expected(p), "kind": "bad"}
                 if name in cause.implausible
                 else "plausible"
                 if math.isfinite(share)
@@ -159,6 +160,10 @@ def _parameters(cause: CauseResult) -> dict[str, Any]:
             ]
         )
     return {"name": model(cause.terms), "rows": rows}
+
+
+def _not_expected(p: ParameterResult) -> str:
+    return "implausible" + (f": {span(p.prior_interval, p.unit)} expected" if p.prior_interval else "")
 
 
 def _at_prior(share: float) -> str:

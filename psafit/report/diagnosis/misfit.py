@@ -28,7 +28,7 @@ from psafit.report.figures.groups import title
 from psafit.report.figures.sweep import AXIS, SWEPT, UNITS
 from psafit.report.page import Picture, first
 from psafit.report.style import BAND, MEASURED, PALETTE, figure_style, new_figure
-from psafit.report.wording import exact, factor, interval, number, percent, with_unit
+from psafit.report.wording import exact, factor, interval, number, percent, span, with_unit
 from psafit.text import count, fixed
 
 _BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": DASHES, "linewidth": 1.6, "zorder": 2}
@@ -64,7 +64,7 @@ def _place(w: Where) -> Markup:
     side = "too large" if w.log_bias > 0 else "too small"
     others = Markup("the prediction is {}, as there in {},").format(side, words.group_ids(w.together))
     return Markup("<strong>Group {}</strong>: {}{}: {} by a factor of {} ({:.1f} standard deviations)").format(
-        w.group, words.span([w.start, w.to], shown_unit(UNITS[w.variable])), aside(w.observable),
+        w.group, span([w.start, w.to], shown_unit(UNITS[w.variable])), aside(w.observable),
         others if w.together else f"predictions {side}", factor(abs(w.log_bias)), abs(w.score),
     )  # fmt: skip
 

@@ -18,7 +18,7 @@ from psafit.observables import OBSERVABLES
 from psafit.report.catalogue import cause, model
 from psafit.report.diagnosis import words
 from psafit.report.diagnosis.answer import PAGE
-from psafit.report.wording import NBSP, listed, number, percent, symbol_html, with_unit
+from psafit.report.wording import NBSP, listed, number, percent, span, symbol_html, with_unit
 from psafit.text import count
 
 
@@ -46,8 +46,8 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
         rows.append(
             [
                 Markup("{}, {}{}").format(_drive(p), _readings(p), _read_as(p)),
-                words.span(p.frequency_hz, "Hz"),
-                words.span(p.amplitude_v, "V"),
+                span(p.frequency_hz, "Hz"),
+                span(p.amplitude_v, "V"),
                 listed(changed) if changed else "as it is",
                 PAGE.number(p.lead) if found.separates else words.narrowing(p),
                 words.share(p.success),

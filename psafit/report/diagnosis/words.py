@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from markupsafe import Markup
 
@@ -16,7 +16,6 @@ from psafit.experiment import GroupId
 from psafit.report.catalogue import declared
 from psafit.report.wording import (
     groups,
-    interval,
     number,
     p_value,
     percent,
@@ -97,10 +96,3 @@ def quantity(value: float, unit: str) -> str:
     """A value with its unit."""
     unit, (value,) = prefixed(unit, value)
     return with_unit(number(value), unit)
-
-
-def span(values: Sequence[float], unit: str) -> str:
-    """From the least to the greatest of some values, or the one that they are."""
-    low, high = min(values), max(values)
-    text = number(low) if math.isclose(low, high) else interval(low, high)
-    return with_unit(text, unit)
