@@ -56,7 +56,7 @@ def parameters(*names: str, sampled: bool = True) -> dict[str, ParameterResult]:
             0.985,
             prior_lower=1e4,
             prior_upper=2e5,
-        )  # fmt: skip
+        )
         for n in names
     }
 

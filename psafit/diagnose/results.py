@@ -24,6 +24,7 @@ from psafit.diagnose.record.models import (
     NEAREST,
     NEXT_BEST,
     NOT_EXCLUDED,
+    NOT_PRESENT,
     UNSEEN,
     CauseResult,
     Counted,
@@ -219,7 +220,7 @@ def word_for(found: Screened, model_set: ModelSet, verdict: Verdict, left: Room 
         return "explains part alone"
     if found.visible < VISIBLE:
         return UNSEEN
-    return "not present" if left is not None and left.size < VISIBLE else NOT_EXCLUDED
+    return NOT_PRESENT if left is not None and left.size < VISIBLE else NOT_EXCLUDED
 
 
 def _tests(misfit: Misfit, candidate: Candidate, where: list[Where] | None = None) -> Tests:

@@ -381,7 +381,7 @@ def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
     record = replace(
         record,
         screening=[
-            replace(record.screening[-1], id=id, verdict=verdict)
+            replace(record.screening[-1], id=id, verdict=verdict, inclusion=0.02)
             for id, verdict in (
                 ("amplifier_lag", UNSEEN), ("anchored_stroke", NOT_EXCLUDED), ("gap", "not present"),
                 ("preload", UNSEEN),
@@ -399,6 +399,9 @@ def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
         in " ".join(page.first_screen.split())
     )
     assert "Probably at work" not in build(record, experiment, tmp_path).first_screen
+    doubted = "(90 % by [rig], 2 % after them)"
+    needed = "What it would need shows psafit fit --terms hysteresis,gap."
+    assert f"speak against what is known of the rig: gap at rest {doubted}. {needed}" in page.first_screen
 
 
 def test_a_record_read_back_gives_the_same_page(tmp_path):

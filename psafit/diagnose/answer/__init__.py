@@ -11,6 +11,7 @@ from typing import Literal
 
 from psafit.diagnose.answer.findings import (
     WORTH_SAYING,
+    Against,
     AtWork,
     BreaksLaw,
     BySession,
@@ -34,7 +35,7 @@ from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.answer.worth import CheckFirst, Drafted, Gained, LookAt, Next, NoGain
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import Diagnosis
-from psafit.diagnose.record.models import NOT_EXCLUDED, UNSEEN, CauseResult, ParameterResult
+from psafit.diagnose.record.models import NOT_EXCLUDED, NOT_PRESENT, UNSEEN, CauseResult, ParameterResult
 from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.inference import noise
 from psafit.parameters import Belief, leading_belief
@@ -193,18 +194,21 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
 
 
 def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> Iterator[Statement]:
-    """The causes that the experiment holds for `likely`, or more, and of which the readings say nothing."""
-    found, weak = [], {id for counted in d.counted for id in counted.terms}
+    """The causes that the experiment holds for `likely`, or more: those the readings do not show, or speak against."""
+    silent, against, weak = [], [], {id for counted in d.counted for id in counted.terms}
     for s in d.screening:
-        if s.id in weak:
-            continue
         said = leading_belief(b for b in beliefs if owner(b.name) == s.id)
-        if said is None or said.probability is None or s.verdict not in (UNSEEN, NO_ACTION, NOT_EXCLUDED):
+        if s.id in weak or said is None or said.probability is None or said.probability <= likely:
             continue
-        if said.probability > likely:
-            found.append((s.id, "[rig]" if said.derived else "[prior]", said.probability))
-    if found:
-        yield AtWork(found)
+        by = "[rig]" if said.derived else "[prior]"
+        if s.verdict in (UNSEEN, NO_ACTION, NOT_EXCLUDED):
+            silent.append((s.id, by, said.probability))
+        elif s.verdict == NOT_PRESENT and s.inclusion < 1 - likely:
+            against.append((s.id, by, said.probability, s.inclusion))
+    if silent:
+        yield AtWork(silent)
+    if against and d.verdict != "unexplained":  # a model that is wrong speaks against nothing
+        yield Against(against, d.named)
 
 
 def _tails(d: Diagnosis, terms: list[str]) -> tuple[float, float] | None:

@@ -530,6 +530,26 @@ class AtWork(Statement):
 
 
 @dataclass(frozen=True)
+class Against(Statement):
+    """Causes that are likely before any reading and are not after them; with both probabilities."""
+
+    topic = "wrong"
+    causes: list[tuple[str, str, float, float]]
+    named: list[str]
+
+    def say(self, words: Words) -> str:
+        each = (
+            words.put("{} ({} by {}, {} after them)", words.cause(c), words.per_cent(before), by, words.share(after))
+            for c, by, before, after in self.causes
+        )
+        terms = ",".join([*self.named, *(c for c, *_ in self.causes)])
+        return words.put(
+            "The readings speak against what is known of the rig: {}. What it would need shows psafit fit --terms {}.",
+            words.joined(", ", each), terms,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
 class Room(Statement):
     """The largest change of a reading that the readings leave a cause added to what is adopted (95 %).
 

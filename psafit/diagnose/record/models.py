@@ -204,6 +204,9 @@ ScreeningWord = Literal[
 """What the whole model set says of one cause."""
 
 
+NOT_PRESENT: Final = "not present"
+"""What is said of a cause of which the readings leave less than would be seen."""
+
 NOT_EXCLUDED: Final = "not excluded"
 """What is said of a cause that does not show, where the readings leave it more than would be seen."""
 

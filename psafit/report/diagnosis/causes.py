@@ -20,6 +20,7 @@ from psafit.diagnose.record.models import (
     NEAREST,
     NEXT_BEST,
     NOT_EXCLUDED,
+    NOT_PRESENT,
     UNSEEN,
     CauseResult,
     Evidence,
@@ -46,7 +47,7 @@ _SCREENED: Final = {
     "as good": "bad",
     NEXT_BEST: "warn",
     "explains part alone": "warn",
-    "not present": "good",
+    NOT_PRESENT: "good",
     NOT_EXCLUDED: "warn",
     UNSEEN: "warn",
     NO_ACTION: "",
@@ -58,7 +59,7 @@ _VERDICT_COLOR: Final = {
     "as good": PALETTE["vermillion"],
     NEXT_BEST: PALETTE["vermillion"],
     "explains part alone": PALETTE["orange"],
-    "not present": PALETTE["grey"],
+    NOT_PRESENT: PALETTE["grey"],
     NOT_EXCLUDED: PALETTE["sky"],
     UNSEEN: PALETTE["sky"],
     NO_ACTION: PALETTE["faint"],
@@ -254,7 +255,7 @@ def included(s: ScreeningResult) -> float:
 
     Where it does not show, its model counts as the model without it: unless it is excluded, nothing of it is no share.
     """
-    unknown = s.verdict in (UNSEEN, NO_ACTION) or (s.verdict != "not present" and s.inclusion == 0.0)
+    unknown = s.verdict in (UNSEEN, NO_ACTION) or (s.verdict != NOT_PRESENT and s.inclusion == 0.0)
     return math.nan if unknown else s.inclusion
 
 
