@@ -12,6 +12,7 @@ from psafit.diagnose.answer import answer, sentences
 from psafit.diagnose.answer.worth import LookAt
 from psafit.diagnose.looks import looks
 from psafit.diagnose.record.models import Look, ParameterResult
+from psafit.diagnose.words import PLAIN
 from psafit.physics import terms
 
 CATALOGUE = terms(("gap", "idle_level", "no_tension", "preload"))
@@ -57,5 +58,7 @@ def test_the_first_look_is_said_with_what_it_shows() -> None:
     (statement,) = (s for s in answer(replace(d, looks=seen)) if isinstance(s, LookAt))
     assert statement.found is seen[0]
     said = "Without launches, check what is there: that shows whether gap is at work."
+    known = LookAt(replace(seen[0], parameters={"gap_width": ParameterResult(2e-6, 1e-6, 3e-6, "m", "gap", 0.5)}))
+    assert known.say(PLAIN) == said.replace(".", ", by these readings with gap_width = 2e-06 (1e-06 to 3e-06) m.")
     assert said in sentences(replace(d, looks=seen))
     assert not any(isinstance(s, LookAt) for s in answer(replace(d, looks=[])))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from psafit.diagnose.answer.findings import sized
 from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.gain import Gain
 from psafit.diagnose.next_experiment import NextExperiment
@@ -103,8 +104,10 @@ class LookAt(Statement):
     found: Look
 
     def say(self, words: Words) -> str:
-        how = "Without launches, check {}: that shows whether {} is at work."
-        return words.put(how, self.found.at, words.cause(self.found.cause))
+        how = "Without launches, check {}: that shows whether {} is at work{}."
+        sizes = [sized(words, name, p) for name, p in self.found.parameters.items()]
+        size = words.put(", by these readings with {}", words.listed(sizes)) if sizes else ""
+        return words.put(how, self.found.at, words.cause(self.found.cause), size)
 
 
 @dataclass(frozen=True)
