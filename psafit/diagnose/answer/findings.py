@@ -337,13 +337,13 @@ class Implausible(Statement):
 
     def say(self, words: Words) -> str:
         each = (
-            words.put("{} of {}", words.listed(_beside_prior(words, *value) for value in values), words.causes(terms))
+            words.put("{} of {}", words.listed(_against_prior(words, *value) for value in values), words.causes(terms))
             for terms, values in self.values
         )
         return words.put("Implausible values: {}.", words.joined("; ", each))
 
 
-def _beside_prior(words: Words, name: str, p: ParameterResult) -> str:
+def _against_prior(words: Words, name: str, p: ParameterResult) -> str:
     """A value, and where its prior expects it."""
     value = words.size(name, p.unit, p.median, p.interval)
     if p.prior_interval is None:
