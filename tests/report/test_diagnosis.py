@@ -400,7 +400,7 @@ def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
     )
     assert "Probably at work" not in build(record, experiment, tmp_path).first_screen
     doubted = "(90 % by [rig], 2 % after them)"
-    needed = "What it would need shows psafit fit --terms hysteresis,gap."
+    needed = "psafit fit with --terms hysteresis,gap shows the values it would need."
     assert f"speak against what is known of the rig: gap at rest {doubted}. {needed}" in page.first_screen
 
 

@@ -147,7 +147,7 @@ def test_rows_of_the_first_picture_differ_where_the_groups_do():
     names, shared = figures.row_names([*rows, other])
     assert [name[-4:] for name in names] == ["40 V", "90 V", " kHz", "40 V"] and shared == ""
     assert len({*names}) == 4 and all(len(name) <= 30 for name in names)
-    assert figures.row_names(rows[:1]) == (["1: unipolar sin…periods), 40 V"], "")
+    assert figures.row_names(rows[:1]) == (["1: unipolar sine, 40 V"], "")
     same = [figures.Row(k, "sine, 2 kHz", rows[0].marks) for k in (1, 2)]
     assert figures.row_names(same) == (["1", "2"], "sine, 2 kHz")
     group = sweep_groups()[1]

@@ -544,7 +544,7 @@ class Against(Statement):
         )
         terms = ",".join([*self.named, *(c for c, *_ in self.causes)])
         return words.put(
-            "The readings speak against what is known of the rig: {}. What it would need shows psafit fit --terms {}.",
+            "The readings speak against what is known of the rig: {}. psafit fit with --terms {} shows the values it would need.",
             words.joined(", ", each), terms,
         )  # fmt: skip
 

@@ -129,15 +129,23 @@ def draw_factors(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def row_names(rows: Sequence[Row], room: int = 30) -> tuple[list[str], str]:
-    """Names that differ where the rows do, in so many characters, and the conditions that all rows share."""
+    """Names that differ where the rows do, in so many characters, and the conditions that all rows share.
+
+    Where they are too long, all go without what is in brackets, and then without what is neither first nor last.
+    """
     parts = [re.split(r", (?![^(]*\))", r.condition) for r in rows]
     shared = [p for p in parts[0] if all(p in one for one in parts)] if len(rows) > 1 else []
-    names = []
-    for row, own in zip(rows, parts, strict=True):
-        held = ", ".join(p for p in own if p not in shared)
-        group = short(row.group)
-        names.append(f"{group}: {short(held, room - len(group) - 2)}" if held else group)
-    return names, ", ".join(shared)
+    groups = [short(row.group) for row in rows]
+    held = [[p for p in own if p not in shared] for own in parts]
+    plain = [[re.sub(r" \(.*?\)", "", p) for p in own] for own in held]
+    ends = [own[:1] + own[1:][-1:] for own in plain]
+
+    def fits(kept: list[list[str]]) -> bool:
+        return all(len(g) + 2 + len(", ".join(own)) <= room for g, own in zip(groups, kept, strict=True))
+
+    kept = next((one for one in (held, plain) if fits(one)), ends)
+    texts = zip(groups, map(", ".join, kept), strict=True)
+    return [f"{g}: {short(text, room - len(g) - 2)}" if text else g for g, text in texts], ", ".join(shared)
 
 
 def summary_figure(rows: Sequence[Row], examples: Sequence[Example], legend: Sequence[Artist]) -> Figure:
