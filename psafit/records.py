@@ -252,9 +252,9 @@ class ParameterSummary(Brief):
     text : str
         The value as far as the data support it.
     profile : list of ProfilePoint
-        Empty for the scatter's parameters.
+        Empty for the scatter's parameters, and for those of causes that differ by session.
     implausible : bool
-        Of the median; see `psafit.parameters.Parameter.is_implausible`.
+        Of the median; see `psafit.inference.problem.Problem.implausible`.
     """
 
     _in_repr = ("text", "verdict", "r_hat")
@@ -495,8 +495,8 @@ class Overdamped:
     def text(self) -> str:
         """The same in words."""
         return (
-            f"c_s is beyond critical damping ({significant(self.critical, 2)} N s/m): the stack does not swing but lags"
-            f" by c_s/k_s, {significant(self.lag_us, 2)} us, and that may stand for another lag"
+            f"The stack's c_s is beyond critical damping ({significant(self.critical, 2)} N s/m): it does not swing but"
+            f" lags by c_s/k_s, {significant(self.lag_us, 2)} us, and that may stand for another lag"
         )
 
 

@@ -448,7 +448,7 @@ def _suspicious_clock(part: Group, late: float = 10.0) -> list[str]:
 
 
 def _suspicious_trace(
-    part: Group, most: int = 2000, early: float = 0.1, far: float = 0.5, late: float = 0.9, turned: float = 2.0
+    part: Group, most: int = 2000, far: float = 0.5, late: float = 0.9, turned: float = 2.0
 ) -> list[str]:
     """What the samples of a trace say together.
 
@@ -457,8 +457,9 @@ def _suspicious_trace(
     part : Group
     most : int
         Samples beyond which more of them say little: their errors are correlated.
-    early, far : float
-        A trace that begins within this part of its length, this part of its reach from zero, is not counted from rest.
+    far : float
+        A trace that begins this part of its reach from zero, and changes nowhere as fast as it would have had to until
+        then, is not counted from rest.
     late, turned : float
         The drive throws the ball to the positive side. A trace that lies below zero from this part of its length on,
         and reaches so many times farther there than above, is counted the other way.
@@ -469,8 +470,9 @@ def _suspicious_trace(
     if part.n_points > most:
         every = -(-part.n_points // most)
         found.append(f"{part.n_points} samples; one in {every} says nearly as much, and is fitted in less time")
-    begins = part.time_us[0] < early * part.time_us[-1]
-    if begins and abs(part.reading[0]) > far * np.abs(part.reading).max():
+    fastest = float(np.max(np.abs(np.diff(part.reading) / np.diff(part.time_us)), initial=0.0))
+    begins = abs(float(part.reading[0]))
+    if begins > max(far * float(np.abs(part.reading).max()), fastest * float(part.time_us[0])):
         found.append(
             f"{part.observable.column} begins at {part.reading[0]:g} {part.observable.unit}; is it counted from rest?"
         )

@@ -174,10 +174,14 @@ def profiles(
     list of list of ProfilePoint
         One list a column, ascending in the value; `drop` is zero at the highest of its points. All else is found anew
         at every point; the other parameters of causes, and what each session has for itself, weighted by their priors.
+        Empty for the parameters of a cause that differs by session: a spread and what sessions have in units of it have
+        no highest point together, only a posterior.
     """
     how = ProfileSettings()
     likelihood = _Likelihood(**{f.name: getattr(problem, f.name) for f in fields(problem)})
     columns = range(problem.n_physical) if columns is None else columns
+    by_session = {p.name for t in problem.terms if t.latent for p in t.parameters}
+    walked = [k for k in columns if problem.names[k] not in by_session]
     low, high = likelihood.bounds.T
 
     def optimise(starts: Sequence[tuple[_Walk, FloatArray]]) -> None:
@@ -194,7 +198,7 @@ def profiles(
     _, curvature = expansion(likelihood, peak.u, peak.predicted, slope, likelihood.observed[None])
     spread = np.linalg.pinv(curvature[0] + how.flattest * np.eye(likelihood.n_dim))
     width = np.sqrt(np.maximum(np.diag(spread), 1e-12))
-    walks = [_Walk(k, [(peak.u[0], float(likelihood.profiled(peak, [k])[0]))]) for k in columns]
+    walks = [_Walk(k, [(peak.u[0], float(likelihood.profiled(peak, [k])[0]))]) for k in walked]
     first = []
     for walk in walks:
         k = walk.index
@@ -219,14 +223,14 @@ def profiles(
         busy = {walk.index for walk, _ in going}
         progress(len(walks) - len(busy), len(walks))
     progress(len(walks), len(walks))
-    found = []
+    found: dict[int, list[ProfilePoint]] = {}
     for walk in walks:
         to_physical, highest = problem.parameters[walk.index].to_physical, walk.highest
         values = dict.fromkeys(
             (float(to_physical(u[walk.index])), highest - log_posterior) for u, log_posterior in walk.points
         )
-        found.append([ProfilePoint(*pair) for pair in values])
-    return found
+        found[walk.index] = [ProfilePoint(*pair) for pair in values]
+    return [found.get(k, []) for k in columns]
 
 
 def limits(points: list[ProfilePoint]) -> tuple[float | None, float | None]:

@@ -42,14 +42,14 @@ def summarise(
     health = store.diagnostics(draws.values)
     quantiles = np.quantile(draws.flat, [0.05, 0.5, 0.95], axis=0)
     sampled = problem.to_sampling(draws.flat)
-    entries = []
+    strange, entries = problem.implausible(quantiles[1]), []
     for i, parameter in enumerate(problem.parameters):
         points = profiles[i] if i < problem.n_physical else []
         prior = parameter.prior_quantile(SHARES)
         contraction = 1 - float(np.var(sampled[:, i]) / np.var(prior))
         lower, median, upper = (float(q) for q in quantiles[:, i])
         word = identify.verdict(points) if points else identify.verdict_of_draws(sampled[:, i], parameter, contraction)
-        if word == "not determined" and not points and parameter.is_implausible(median):
+        if word == "not determined" and not points and parameter.name in strange:
             word = "determined"  # readings drove it where its prior is not
         prior_lower, prior_upper = parameter.prior_interval
         entries.append(
@@ -68,7 +68,7 @@ def summarise(
                 verdict=word,
                 text=identify.describe(parameter.name, parameter.unit, median, (lower, upper), points, word),
                 profile=points,
-                implausible=parameter.is_implausible(median),
+                implausible=parameter.name in strange,
             )
         )
     kept = chain.draws.shape[1]

@@ -228,8 +228,10 @@ def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     drifting = [name for name, s in named if s in trending]
     able = [s for s in validation.groups if shows_trends(s)]
     some = "" if len(able) == len(validation.groups) else f" ({len(able)} of {len(validation.groups)})"
-    trend = Markup("{} a trend that the model misses; <code>psafit diagnose</code> looks for more than trends.").format(
-        f"No sweep that could show it{some} shows" if able else "No sweep has readings enough to show"
+    trend = Markup("{}; <code>psafit diagnose</code> looks for more than that.").format(
+        f"Along no sweep that could show it{some} do the errors drift"
+        if able
+        else "No sweep has readings enough to show a drift of the errors"
     )
     if drifting:
         trend = Markup(

@@ -84,7 +84,7 @@ def span(values: Sequence[float], unit: str) -> str:
 def offsets(groups: Iterable[Group]) -> str:
     """The offset of `log_rmse`; where several observables were read, that of each."""
     found = {g.observable.name: g.observable for g in groups}.values()
-    each = [with_unit(f"{o.offset:g}", o.unit) + (f" for {o.plural}" if len(found) > 1 else "") for o in found]
+    each = [with_unit(f"{o.offset:g}", o.unit) + (f" for {o.titles}" if len(found) > 1 else "") for o in found]
     return str(listed(each))
 
 

@@ -135,6 +135,7 @@ def test_volts_of_an_altered_heading_are_counted_by_the_user(name: str, tmp_path
 def test_what_is_made_of_a_motion_is_none_by_itself(name: str, tmp_path: Path) -> None:
     asked = refused(tmp_path, recording(name), **HELD)
     assert "none is a motion" in asked and "if it is that of the ball" in asked
+    assert ("(that of the tip is tip_displacement_um)" in asked) is ("Displacement" in name)
     (table,) = tables(tmp_path, recording(name), **HELD, columns=tuple(proposed(asked)))
     assert table.groups[0].reading[1] == 1.0
 

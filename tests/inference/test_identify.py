@@ -38,6 +38,14 @@ def test_profile_of_a_determined_and_an_open_parameter(finished: Run) -> None:
     assert identify.verdict(identify.profiles(poor, top, columns=[1])[0]) != "determined"
 
 
+def test_a_spread_of_sessions_has_no_profile(finished: Run) -> None:
+    """The wider it is, the less improbable are the sessions' values in units of it: no point is the highest."""
+    problem = replace(finished.problem, terms=terms(["reading_gain"]))
+    at = [problem.names.index(name) for name in ("k_c", "reading_gain_spread")]
+    stiffness, spread = identify.profiles(problem, problem.medians, columns=at)
+    assert len(stiffness) > 3 and spread == []
+
+
 @pytest.mark.slow
 def test_profile_is_what_another_optimiser_finds(finished: Run) -> None:
     problem = finished.problem

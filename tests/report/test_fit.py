@@ -238,7 +238,7 @@ def test_sweeps_that_could_show_no_trend_are_not_said_to_show_none(tmp_path):
     fixed = [replace(p, verdict="determined") for p in run.summary.parameters]
     run, predictions = replace(run, summary=replace(run.summary, parameters=fixed)), make_predictions(run)
     for p_value, said in (
-        (0.5, "No sweep that could show it (2 of 3) shows a trend"),
+        (0.5, "Along no sweep that could show it (2 of 3) do the errors drift"),
         (math.nan, "No sweep has readings"),
     ):
         validation = make_validation(run, [replace(p, drift_p_value=p_value) for p in predictions])
@@ -257,7 +257,7 @@ def test_a_drift_is_judged_over_all_looks_everywhere_on_a_page(tmp_path):
         validation = make_validation(run, [first, replace(unseen[0], drift_p_value=p_value), unseen[1]])
         assert ["drift along" in s.verdict for s in validation.groups] == [False, drifts, False]
     page = Reader(write_report(run, validation, predictions, make_numerics(run)).read_text("utf-8"))
-    assert "No sweep that could show it (2 of 3) shows a trend" in page.text
+    assert "Along no sweep that could show it (2 of 3) do the errors drift" in page.text
 
 
 def test_groups_that_cannot_show_it_are_not_reported(tmp_path):

@@ -286,7 +286,10 @@ class Kind(Statement):
     statistics: list[Statistic]
 
     def say(self, words: Words) -> str:
-        which = {"group": f": {', '.join(map(str, self.groups))}", "points": f": {self.points} of them"}
+        which: dict[str, str] = {
+            "group": words.put(" ({})", words.groups(self.groups)),
+            "points": f": {self.points} of them",
+        }
         return words.put(
             "What the baseline misses: {}{}.", described(self.character, self.statistics), which.get(self.character, "")
         )
@@ -544,7 +547,8 @@ class Against(Statement):
         )
         terms = ",".join([*self.named, *(c for c, *_ in self.causes)])
         return words.put(
-            "The readings speak against what is known of the rig: {}. psafit fit with --terms {} shows the values it would need.",
+            "The readings speak against what is known of the rig: {}. psafit fit with --terms {} shows the values it"
+            " would need.",
             words.joined(", ", each), terms,
         )  # fmt: skip
 

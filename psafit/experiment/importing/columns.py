@@ -388,6 +388,8 @@ def _check_motion(grid: Grid, head: Head, chosen: Chosen, options: Options, faul
             remedy = "say " + " or ".join(
                 f"{option(c.option, q.column)} if it is that of the {q.part}" for c, q in near
             )
+            if any(q.column == "displacement_um" for _, q in near):
+                remedy += " (that of the tip is tip_displacement_um)"
         elif volts:
             scale = option(volts[-1], "velocity_mm_s", "5mm/s/V")
             remedy = f"say what one volt is, such as {scale} or 2um/V, of displacement_um"

@@ -41,6 +41,9 @@ def influence_figure(
         panels = figure.subplots(rows, columns, squeeze=False).ravel()
         for axes, group, sweep, given in zip(panels, groups, sweeps, nats, strict=False):
             low, high, log = reading_range(group.reading, group.reading, group.reading)
+            if group.reading.min() < 0:  # of a trace
+                edge = 0.06 * np.ptp(group.reading)
+                low, high, log = group.reading.min() - edge, group.reading.max() + edge, False
             axes.scatter(
                 sweep.values, np.maximum(group.reading, low), c=given, cmap=colours, norm=norm, s=30,
                 edgecolor=PALETTE["grey"], linewidth=0.5, zorder=3, clip_on=False,
