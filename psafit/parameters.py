@@ -283,8 +283,9 @@ class Belief:
     ----------
     name : str
         Of the parameter.
-    prior : Normal, LogNormal or Tailed
-        What somebody states is taken as it is stated; what follows from facts has heavy tails.
+    prior : Normal, LogNormal or Tailed, or None
+        What somebody states is taken as it is stated; what follows from facts has heavy tails. None where no more is
+        known of the values than usual, and only `probability` is stated.
     source : str
         How it is known.
     file, line : Path and int, optional
@@ -299,7 +300,7 @@ class Belief:
     """
 
     name: str
-    prior: Normal | LogNormal | Tailed
+    prior: Normal | LogNormal | Tailed | None
     source: str
     file: Path | None = field(default=None, compare=False)
     line: int | None = field(default=None, compare=False)
@@ -309,8 +310,8 @@ class Belief:
 
     def describe(self) -> str:
         """Words for tables."""
-        at_work = "" if self.probability is None else f"; at work: {self.probability:g}"
-        return f"{self.prior.describe()}{at_work}"
+        said = [] if self.prior is None else [self.prior.describe()]
+        return "; ".join([*said, *([] if self.probability is None else [f"at work: {self.probability:g}"])])
 
 
 def leading_belief(beliefs: Iterable[Belief]) -> Belief | None:
@@ -381,6 +382,8 @@ class Parameter:
             has.
         """
         prior, bounds = belief.prior, belief.bounds or self.bounds
+        if prior is None:
+            return self
         if prior.coordinate != self.prior.coordinate:
             words = "median and factor" if self.prior.coordinate == "log" else "mean and sd"
             raise ValueError(f"is given by {words}")

@@ -334,13 +334,14 @@ class Definition:
         """What is known of parameters: what follows from the rig, and in its place what is stated.
 
         A stated prior says which values are plausible. What is possible follows from the rig nevertheless, and so does
-        whether the cause is at work, where that is not stated as well.
+        whether the cause is at work, where that is not stated as well. A probability alone leaves the values as they
+        are.
         """
         followed = [self._placed(b) for b in (rig_beliefs(rig, constants) if rig else ())]
         of = {b.name: b for b in followed}
-        both = ((b, of.get(b.name, b)) for b in stated)
+        both = ((b, b if b.prior is None else of.get(b.name, b)) for b in stated)
         own = [replace(b, probability=b.probability or f.probability, bounds=f.bounds) for b, f in both]
-        names = {b.name for b in stated}
+        names = {b.name for b in stated if b.prior is not None}
         return (*(b for b in followed if b.name not in names), *own)
 
     def _placed(self, belief: Followed) -> Followed:
@@ -418,7 +419,7 @@ class Definition:
             raise self.error(f"prior of {shown(name)} is no table", _PRIOR, *place)
         self.known_keys(table, ("median", "factor", "mean", "sd", "source", "probability"), *place)
         given = set(table) - {"source", "probability"}
-        if given not in ({"median", "factor"}, {"mean", "sd"}):
+        if given not in ({"median", "factor"}, {"mean", "sd"}) and (given or "probability" not in table):
             raise self.error(f"prior of {shown(name)} gives {listed(sorted(given)) or 'no numbers'}", _PRIOR, *place)
         source = table.get("source")
         if not isinstance(source, str) or not one_line(source):
@@ -429,7 +430,7 @@ class Definition:
                 numbers[key] = self._belief_number(name, key, table[key])
         faults.end()
         probability = numbers.pop("probability", None)
-        prior = LogNormal(**numbers) if "median" in numbers else Normal(**numbers)
+        prior = None if not given else LogNormal(**numbers) if "median" in numbers else Normal(**numbers)
         return Belief(name, prior, one_line(source), self.file, self._line(*place), probability)
 
     def _belief_number(self, name: str, key: str, value: object) -> float:

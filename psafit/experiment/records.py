@@ -453,7 +453,7 @@ def describe(experiment: Experiment) -> dict[str, Any]:
         column, as [least, greatest], `constants` (those changed), `zeros` (readings of exactly 0), `replicates`
         (readings beyond the first at the same condition) and `has_sigma`.
     """
-    known = {b.name for b in experiment.beliefs}
+    known = {b.name for b in experiment.beliefs if b.prior is not None}
     return {
         "title": experiment.title,
         "source": experiment.source,

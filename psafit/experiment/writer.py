@@ -176,7 +176,8 @@ def beliefs_text(beliefs: Sequence[Belief]) -> str:
     for belief in beliefs:
         if belief.derived:
             continue
-        numbers = (f"{f.name} = {number_text(getattr(belief.prior, f.name))}\n" for f in fields(belief.prior) if f.init)
+        names = [f.name for f in fields(belief.prior) if f.init] if belief.prior else []
+        numbers = (f"{name} = {number_text(getattr(belief.prior, name))}\n" for name in names)
         text += f"\n[prior.{_quoted(belief.name)}]\n{''.join(numbers)}source = {_quoted(belief.source)}\n"
         text += f"probability = {number_text(belief.probability)}\n" if belief.probability else ""
     return text

@@ -221,16 +221,16 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
         return baseline.PARAMETERS, causes
     own = {p.name: p for t in (*TERMS, *causes) for p in t.parameters}
     known = {p.name: p for p in baseline.PARAMETERS} | own
-    found = {}
+    found: dict[str, Parameter] = {}
     for b in beliefs:
         if b.name not in known:
             what = f"there is no parameter {shown(b.name)} to know of"
             remedy = f"{did_you_mean(b.name, known)}; of a cause of your own give its file, too: --plugin FILE"
             raise InputError(what, remedy, file=b.file, line=b.line)
         try:
-            found[b.name] = known[b.name].informed(b)
+            found[b.name] = found.get(b.name, known[b.name]) if b.prior is None else known[b.name].informed(b)
         except ValueError as error:
-            what, remedy = f"prior of {b.name} ({b.prior.describe()}) cannot be", f"it {error}"
+            what, remedy = f"prior of {b.name} ({b.describe()}) cannot be", f"it {error}"
             if isinstance(b, Followed):
                 what, remedy = _refused(b, str(error))
             raise InputError(what, remedy, file=b.file, line=b.line) from None

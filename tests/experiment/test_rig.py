@@ -143,6 +143,7 @@ def test_one_fact_sets_every_parameter_that_it_is_about(tmp_path: Path) -> None:
             TOML + FACTS + '[prior.anchored_alpha]\nmean = 0.01\nsd = 0.01\nsource = "x"\nprobability = 0.1\n',
             0.1,
         ),
+        (TOML + FACTS + '[prior.anchored_alpha]\nprobability = 0.2\nsource = "x"\n', 0.2),
     ],
 )
 def test_how_probable_a_cause_is_follows_from_the_rig_unless_it_is_stated(
@@ -157,6 +158,23 @@ def test_how_probable_a_cause_is_follows_from_the_rig_unless_it_is_stated(
     (tmp_path / "a" / "experiment.toml").unlink()
     write_experiment(first, tmp_path / "c")
     assert read_plan(tmp_path / "b").beliefs == read_plan(tmp_path / "c").beliefs == first.beliefs
+
+
+def test_a_probability_alone_leaves_the_values_as_they_are(tmp_path: Path) -> None:
+    """As usual, or as they follow from the rig."""
+    only = '[prior.{}]\nprobability = 0.2\nsource = "seen"\n'
+    causes = terms(["anchored_stroke", "gap"])
+    with_facts = read_experiment(write(tmp_path / "a", TOML + FACTS))
+    both = read_experiment(
+        write(tmp_path / "b", TOML + FACTS + only.format("anchored_alpha") + only.format("gap_width"))
+    )
+    before, after = (informed(e.beliefs, causes)[1] for e in (with_facts, both))
+    assert [c.parameters for c in after] == [c.parameters for c in before] and before[0].probability != 0.2
+    assert [c.probability for c in after] == [0.2, 0.2]
+    assert [p for p in describe(both)["priors"] if p["source"] == "seen"] == [
+        {"name": name, "prior": "at work: 0.2", "source": "seen", "derived": False}
+        for name in ("anchored_alpha", "gap_width")
+    ]
 
 
 @pytest.mark.parametrize(
