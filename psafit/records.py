@@ -321,12 +321,35 @@ class ImportanceSummary:
         return max(self.parameters, key=lambda p: p.apart)
 
 
+@dataclass(frozen=True)
+class SessionSummary:
+    """What a session has by a cause that differs by session, as people know it: median and 90 % interval.
+
+    Parameters
+    ----------
+    cause : str
+    group : group id
+    what : str
+        A gain, a lean.
+    unit : str
+    median, lower, upper : float
+    """
+
+    cause: str
+    group: GroupId
+    what: str
+    unit: str
+    median: float
+    lower: float
+    upper: float
+
+
 @dataclass(frozen=True, repr=False)
 class PosteriorSummary(Brief):
     """`posterior.json`: the sampler's health and the parameter table; the draws are in `posterior.nc`.
 
     `importance` is the same posterior by other draws. `files` holds the SHA-256 of what it belongs to, `fit.json` and
-    `posterior.nc`.
+    `posterior.nc`. `sessions` says what each has, by causes that differ by session; absent without such a cause.
     """
 
     _in_repr = ("converged", "message")
@@ -343,6 +366,7 @@ class PosteriorSummary(Brief):
     parameters: list[ParameterSummary]
     importance: ImportanceSummary
     files: dict[str, str]
+    sessions: list[SessionSummary] | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import shlex
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,7 +38,7 @@ from psafit.text import count
 
 if TYPE_CHECKING:
     from psafit.inference.run_folder import Run
-    from psafit.records import Numerics
+    from psafit.records import Numerics, SessionSummary
 
 
 ENOUGH = 60
@@ -220,6 +222,14 @@ def _span(span: list[float], unit: str) -> str:
     return f"{span[0]:g} {unit}" if span[0] == span[1] else f"{span[0]:g}-{span[1]:g} {unit}"
 
 
+def _by_session(sessions: Sequence[SessionSummary]) -> Iterator[tuple[str, list[str]]]:
+    """What each session has, by the cause it is of: "group 1 0.772 (0.746 to 0.797)"."""
+    from psafit.diagnose.words import PLAIN
+
+    for cause, found in itertools.groupby(sessions, key=lambda s: s.cause):
+        yield cause, [f"group {s.group} {PLAIN.value(s.unit, s.median, (s.lower, s.upper))}" for s in found]
+
+
 def _say_fit(result: Run, numerics: Numerics) -> None:
     """Say what a fit found, and whether it converged."""
     from psafit.inference.identify import not_expected, profiled
@@ -234,10 +244,17 @@ def _say_fit(result: Run, numerics: Numerics) -> None:
         click.echo("hops from where starts ended found the best; all starts were given up behind it or ended lower")
     if result.fit.n_missed:
         click.echo("the best minimum was found by the sampler, not by the search; the result is of it")
-    for p in result.summary.parameters:
-        strange = p.implausible and p.verdict != "not determined"
-        also = profiled(p.profile, (p.lower, p.upper), p.verdict)
-        click.echo(f"  {p.text}{also}" + (not_expected((p.prior_lower, p.prior_upper)) if strange else ""))
+    known = result.summary.parameters
+    open_ones = [p.name for p in known[result.fit.n_physical :] if p.verdict == "not determined"]
+    for p in known:
+        if p.name not in open_ones:
+            strange = p.implausible and p.verdict != "not determined"
+            also = profiled(p.profile, (p.lower, p.upper), p.verdict)
+            click.echo(f"  {p.text}{also}" + (not_expected((p.prior_lower, p.prior_upper)) if strange else ""))
+    if open_ones:
+        click.echo(f"  as their priors have them, of the scatter or of sessions: {', '.join(open_ones)}")
+    for cause, sizes in _by_session(result.summary.sessions or []):
+        click.echo(f"session by session, {cause}: {', '.join(sizes)}")
     if lagging := overdamped(result.problem, result.summary.parameters):
         click.echo(lagging.text)
     click.echo(f"posterior: {result.summary.message}")

@@ -41,12 +41,12 @@ from psafit.diagnose.room import Room, room
 from psafit.diagnose.screening import PRESENT, Screened
 from psafit.diagnose.verdict import Verdict
 from psafit.diagnose.words import NO_ACTION
-from psafit.experiment import GroupId, session_name
+from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
-from psafit.inference.summary import overdamped
+from psafit.inference.summary import by_session, overdamped
 from psafit.model_search.model_set import ModelSet
 from psafit.model_search.visibility import VISIBLE
 from psafit.observables import OBSERVABLES, aside, recorded_name
@@ -86,20 +86,11 @@ def sessions_of(model_set: ModelSet, candidate: Candidate) -> list[SessionResult
     """What each session has, by causes that differ by session."""
     problem, sampled, found = candidate.problem, model_set.samples.get(candidate.ids), []
     rows = problem.to_physical(sampled.draws if sampled else candidate.modes[:1])
-    for term in candidate.terms:
-        if not (term.latent and term.of_session):
-            continue
-        unit, about = term.of_session.unit, term.of_session.title
-        for group in problem.group_ids:
-            read = {OBSERVABLES[k].name for k in problem.experiment.group(group).measured}
-            if not term.setup and read.isdisjoint(term.reads):
-                continue
-            names = [*(p.name for p in term.parameters), session_name(term.latent.name, group)]
-            values = term.of_session.value(rows[:, [problem.names.index(name) for name in names]])
-            low, median, high = (
-                sampled.quantiles(values, (0.05, 0.5, 0.95)).tolist() if sampled else (None, values[0], None)
-            )
-            found.append(SessionResult(term.id, group, ParameterResult(median, low, high, unit, about, math.nan)))
+    for term, of, group, values in by_session(problem, rows):
+        low, median, high = (
+            sampled.quantiles(values, (0.05, 0.5, 0.95)).tolist() if sampled else (None, values[0], None)
+        )
+        found.append(SessionResult(term.id, group, ParameterResult(median, low, high, of.unit, of.title, math.nan)))
     return found
 
 

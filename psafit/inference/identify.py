@@ -98,6 +98,11 @@ class _Walk:
     def highest(self) -> float:
         return max(log_posterior for _, log_posterior in self.points)
 
+    def profile(self, parameter: Parameter) -> list[ProfilePoint]:
+        """Return the points with their values."""
+        values = ((float(parameter.to_physical(u[self.index])), value) for u, value in self.points)
+        return [ProfilePoint(*pair) for pair in dict.fromkeys((x, self.highest - value) for x, value in values)]
+
     def next(self, side: int, width: float, low: float, high: float) -> FloatArray | None:
         """Return the next place on one side: along the last step, as far as changes the drop by a part of the rest."""
         last, before = (self.points[0], self.points[1]) if side < 0 else (self.points[-1], self.points[-2])
@@ -174,14 +179,12 @@ def profiles(
     list of list of ProfilePoint
         One list a column, ascending in the value; `drop` is zero at the highest of its points. All else is found anew
         at every point; the other parameters of causes, and what each session has for itself, weighted by their priors.
-        Empty for the parameters of a cause that differs by session: a spread and what sessions have in units of it have
-        no highest point together, only a posterior.
+        Empty for a cause that differs by session: its spread and what sessions have in units of it have no top.
     """
     how = ProfileSettings()
     likelihood = _Likelihood(**{f.name: getattr(problem, f.name) for f in fields(problem)})
     columns = range(problem.n_physical) if columns is None else columns
-    by_session = {p.name for t in problem.terms if t.latent for p in t.parameters}
-    walked = [k for k in columns if problem.names[k] not in by_session]
+    spreads = {p.name for t in problem.terms if t.latent for p in t.parameters}
     low, high = likelihood.bounds.T
 
     def optimise(starts: Sequence[tuple[_Walk, FloatArray]]) -> None:
@@ -198,6 +201,7 @@ def profiles(
     _, curvature = expansion(likelihood, peak.u, peak.predicted, slope, likelihood.observed[None])
     spread = np.linalg.pinv(curvature[0] + how.flattest * np.eye(likelihood.n_dim))
     width = np.sqrt(np.maximum(np.diag(spread), 1e-12))
+    walked = (k for k in columns if problem.names[k] not in spreads)
     walks = [_Walk(k, [(peak.u[0], float(likelihood.profiled(peak, [k])[0]))]) for k in walked]
     first = []
     for walk in walks:
@@ -223,13 +227,7 @@ def profiles(
         busy = {walk.index for walk, _ in going}
         progress(len(walks) - len(busy), len(walks))
     progress(len(walks), len(walks))
-    found: dict[int, list[ProfilePoint]] = {}
-    for walk in walks:
-        to_physical, highest = problem.parameters[walk.index].to_physical, walk.highest
-        values = dict.fromkeys(
-            (float(to_physical(u[walk.index])), highest - log_posterior) for u, log_posterior in walk.points
-        )
-        found[walk.index] = [ProfilePoint(*pair) for pair in values]
+    found = {walk.index: walk.profile(problem.parameters[walk.index]) for walk in walks}
     return [found.get(k, []) for k in columns]
 
 

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
 from scipy.stats import norm
 
 from psafit.arrays import FloatArray
+from psafit.experiment import GroupId, session_name
 from psafit.inference import identify, store
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
 from psafit.inference.samplers import sampler
 from psafit.inference.sampling import Chain
+from psafit.observables import OBSERVABLES
 from psafit.parameters import SHARES
+from psafit.physics.term import OfSession, Term
 from psafit.records import (
     Fit,
     ImportanceEntry,
@@ -24,6 +27,7 @@ from psafit.records import (
     ParameterSummary,
     PosteriorSummary,
     ProfilePoint,
+    SessionSummary,
 )
 from psafit.simulate import rig_of
 
@@ -102,7 +106,36 @@ def summarise(
         parameters=entries,
         importance=compared(problem, sampled, importance, float(min(health["ess_tail"]))),
         files=files,
+        sessions=[
+            SessionSummary(term.id, group, of.title, of.unit, *np.quantile(values, [0.5, 0.05, 0.95]).tolist())
+            for term, of, group, values in by_session(problem, draws.flat)
+        ]
+        or None,
     )
+
+
+def by_session(problem: Problem, rows: FloatArray) -> Iterator[tuple[Term, OfSession, GroupId, FloatArray]]:
+    """What each session has by each cause that differs by session and changes what was read there.
+
+    Parameters
+    ----------
+    problem : Problem
+    rows : (n, n_dim) array
+        In the parameters' units.
+
+    Yields
+    ------
+    Term, OfSession, group id, (n,) array
+    """
+    for term in problem.terms:
+        if not (term.latent and term.of_session):
+            continue
+        for group in problem.group_ids:
+            read = {OBSERVABLES[k].name for k in problem.experiment.group(group).measured}
+            if term.setup or not read.isdisjoint(term.reads):
+                names = [*(p.name for p in term.parameters), session_name(term.latent.name, group)]
+                columns = [problem.names.index(name) for name in names]
+                yield term, term.of_session, group, term.of_session.value(rows[:, columns])
 
 
 class Summarised(Protocol):

@@ -17,8 +17,9 @@ from psafit.inference.run_folder import Run
 from psafit.inference.samplers import sampler
 from psafit.inference.summary import overdamped
 from psafit.observables import LAUNCH_RANGE, named
-from psafit.records import GroupScore, Numerics, ParameterSummary, Validation
+from psafit.records import GroupScore, Numerics, ParameterSummary, SessionSummary, Validation
 from psafit.report import figures, fit_pictures
+from psafit.report.catalogue import TITLES
 from psafit.report.fit_pictures import Shown
 from psafit.report.page import render
 from psafit.report.wording import (
@@ -116,6 +117,7 @@ def write_report(
         "extended": bool(run.fit.terms),
         "parameters": parameter_rows(run, bool(caution(validation))),
         "caution": caution(validation),
+        "sessions": [_session_row(s) for s in run.summary.sessions or []],
         "implausible": [s for s in run.summary.parameters if s.implausible],
         "minima": _minima(run),
         "marginals": fit_pictures.marginal_pictures(run, marginals),
@@ -344,6 +346,13 @@ def _value(run: Run, s: ParameterSummary) -> str:
     else:
         text = number(median, (upper - lower) / 2)
     return with_unit(text, unit)
+
+
+def _session_row(s: SessionSummary) -> list[str]:
+    unit, (median, lower, upper) = prefixed(s.unit, s.median, s.lower, s.upper)
+    spread = (upper - lower) / 2
+    value, ends = with_unit(number(median, spread), unit), with_unit(interval(lower, upper, spread), unit)
+    return [TITLES.get(s.cause, s.cause), f"Group {s.group}", s.what, value, ends]
 
 
 def parameter_rows(run: Run, doubted: bool) -> list[list[Any]]:

@@ -284,7 +284,9 @@ def test_groups_that_are_predicted_worse_are_named() -> None:
     ]  # fmt: skip
     gain = replace(strict, groups=rows)
     assert [g.group for g in gain.worse] == [first.group]
-    said = Gained(gain, [1]).say(PLAIN)
+    own = Gained(gain, [1], ["reading_gain"]).say(PLAIN)
+    assert "What reading_gain does in a session that was not fitted is not known" in own
+    said = Gained(gain, [1], []).say(PLAIN)
     assert said.endswith("Predicted worse than by the baseline: group 2 (0.900 to 0.200).")
 
 

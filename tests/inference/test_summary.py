@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fits_by_hand import CONSTANTS, make_numerics, make_run
 
 from psafit.cli.fitting import _say_fit
 from psafit.inference.problem import Problem
-from psafit.inference.summary import overdamped
+from psafit.inference.summary import by_session, overdamped
 from psafit.physics import terms
-from psafit.records import ParameterSummary
+from psafit.records import ParameterSummary, SessionSummary
 
 
 def test_damping_beyond_the_critical_is_said_to_be_a_lag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -36,3 +37,22 @@ def test_damping_beyond_the_critical_is_said_to_be_a_lag(tmp_path: Path, capsys:
     first, rest = with_lower(1636.0)[:3], run.summary.parameters[3:]
     mass = replace(first[0], name="modal_mass_ratio", median=0.25)
     assert "(1600 N s/m)" in said(light, [*first, mass, *rest])
+
+
+def test_what_sessions_have_is_said_as_people_know_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A gain, and not a number of spreads; what scatter and sessions have by their priors takes one line."""
+    run = make_run(tmp_path)
+    problem = replace(run.problem, terms=terms(["reading_gain"]))
+    values = dict(zip(problem.names, problem.to_physical(problem.medians), strict=True))
+    values |= {"reading_gain_spread": 0.1} | {f"reading_gain_z_{g}": -2.0 for g in problem.group_ids}
+    found = list(by_session(problem, np.array([list(values.values())])))
+    assert [group for _, _, group, _ in found] == list(problem.group_ids)
+    assert [float(gain[0]) for *_, gain in found] == pytest.approx([np.exp(-0.2)] * len(found))
+    n = run.fit.n_physical
+    last = [replace(p, verdict="not determined") for p in run.summary.parameters[n:]]
+    gain = SessionSummary("reading_gain", 1, "gain", "1", 0.772, 0.746, 0.797)
+    summary = replace(run.summary, parameters=[*run.summary.parameters[:n], *last], sessions=[gain])
+    _say_fit(replace(run, summary=summary), make_numerics(run))
+    said = capsys.readouterr().out
+    assert "session by session, reading_gain: group 1 0.772 (0.746 to 0.797)\n" in said
+    assert f"of the scatter or of sessions: {', '.join(p.name for p in last)}\n" in said

@@ -22,7 +22,7 @@ from fits_by_hand import (
 from reader import HOSTILE, Reader
 
 from psafit.inference.run_folder import Run
-from psafit.records import Retested, plain
+from psafit.records import Retested, SessionSummary, plain
 from psafit.report import fit, wording
 from psafit.report.fit import write_report
 from psafit.report.fit_pictures import middle_words, pictured, shown_groups
@@ -140,6 +140,15 @@ def test_parameters_agree_with_the_record(page):
         assert ("no lower limit" in row) == (s.verdict == "bounded above")
     assert "Implausible: cs (its prior expects 23.3 to 43000 N s/m)." in page.reader.text
     assert "cs is beyond critical damping (3300 N s/m)" in page.reader.text
+
+
+def test_what_each_session_has_is_in_a_table(tmp_path):
+    run = make_run(tmp_path)
+    sessions = [SessionSummary("session_lean", 1, "lean", "m", 3.2e-3, 2.9e-3, 3.5e-3)]
+    run = replace(run, summary=replace(run.summary, sessions=sessions))
+    predictions = make_predictions(run)
+    path = write_report(run, make_validation(run, predictions), predictions, make_numerics(run))
+    assert "Group 1 lean 0.00320 m 0.00290 to 0.00350 m" in Reader(path.read_text("utf-8")).text
 
 
 def test_first_screen_says_what_it_must(page):

@@ -72,7 +72,9 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
         found.append(ByChance(d.misfit.search))
     if d.calibration:
         found.append(Calibrated(d.calibration, d.explains))
-    found += [Gained(gain, d.training) for gain in d.gain.values()] or [NoGain(d.quick)]
+    sessions = [s.cause for s in (d.best_model.sessions or [] if d.best_model else [])]
+    by_session = [id for id in d.named if id in sessions]
+    found += [Gained(gain, d.training, by_session) for gain in d.gain.values()] or [NoGain(d.quick)]
     if d.verdict == "unexplained":
         found.append(CheckFirst())
     if d.draft:

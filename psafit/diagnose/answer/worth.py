@@ -31,11 +31,12 @@ class NoGain(Statement):
 
 @dataclass(frozen=True)
 class Gained(Statement):
-    """What naming the causes is worth on readings that no choice has seen."""
+    """What naming the causes is worth on readings that no choice has seen; those named that differ by session."""
 
     topic = "gained"
     gain: Gain
     training: list[GroupId]
+    by_session: list[str]
 
     def say(self, words: Words) -> str:
         g = self.gain
@@ -50,6 +51,9 @@ class Gained(Statement):
             f"{g.log_rmse_before:.3f}", f"{g.log_rmse_after:.3f}",
             *(words.number(fixed(x, 3, sign=True)) for x in g.log_rmse_interval),
         )  # fmt: skip
+        if self.by_session:
+            own = "{} What {} does in a session that was not fitted is not known: its band is wider for it."
+            text = words.put(own, text, words.listed(map(words.cause, self.by_session)))
         if not g.worse:
             return text
         worse = (
