@@ -573,12 +573,14 @@ class Room(Statement):
 
     def say(self, words: Words) -> str:
         where = _place(self.place, words) if self.place else ""
-        free = words.listed(map(words.cause, self.unbounded))
+        free = words.put(", not {}", words.listed(map(words.cause, self.unbounded)))
+        if len(self.unbounded) > self.few:
+            free = "; of the others too few draws of the posterior counted for a limit"
         return words.put(
             "The most that these readings leave to a further cause: {} changes a reading{} by up to {} (95 % limit),"
             " added to {} and refitted. Of {}, {} could be bounded{}.",
             words.cause(self.cause), words.put(" ({})", where) if where else "",
             words.fraction(max(self.share, self.least)), words.causes(self.adopted),
             count(self.of, "other cause" if self.adopted else "cause"), self.of - len(self.unbounded),
-            words.put(", not {}", free) if 0 < len(self.unbounded) <= self.few else "",
+            free if self.unbounded else "",
         )  # fmt: skip
