@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import shlex
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,8 +35,9 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
     "--column",
     "columns",
     multiple=True,
-    metavar="HEADING=COLUMN[:UNIT]",
-    help="What a column holds: 'Freq=frequency_hz:kHz', 'Note=ignore', 'CH1=voltage_v:20V/V'; repeat.",
+    metavar="HEADING=COLUMN[:UNIT][,...]",
+    help="What a column holds: 'Freq=frequency_hz:kHz', 'Note=ignore', 'CH1=voltage_v:20V/V'; or one for each table;"
+    " repeat.",
 )
 @click.option(
     "--set",
@@ -105,7 +107,7 @@ def import_files(
         raise InputError("a file is named twice", "name each once: its readings would count twice")
     constants, held, counted = _values(values)
     options = Options(
-        columns=tuple(map(_mapping, columns)),
+        columns=tuple(itertools.chain.from_iterable(map(_mappings, columns))),
         values=held,
         counted=counted,
         waveforms=tuple(part.strip() for part in waveform.split(",")) if waveform is not None else (),
@@ -147,8 +149,18 @@ def _on_rig(tables: Sequence[Table], constants: dict[str, float], rig: Path | No
     return Imported(tuple(tables), known | constants, plan.limits, plan.beliefs, plan.rig, plan.readable)
 
 
+def _mappings(text: str) -> list[Mapping]:
+    """What a ``--column`` says, of several tables perhaps of each."""
+    heading, _, rest = text.rpartition("=")
+    parts = [part.strip() for part in rest.split(",")]
+    if not heading.strip() or len(parts) == 1:
+        return [_mapping(text)]
+    said = ((k, _mapping(f"{heading}={part}")) for k, part in enumerate(parts) if part)
+    return [replace(mapping, table=(k, len(parts))) for k, mapping in said]
+
+
 def _mapping(text: str) -> Mapping:
-    """What a ``--column`` says."""
+    """What a ``--column`` says of all tables."""
     from psafit.experiment.importing import COLUMN_NAMES, Mapping
     from psafit.experiment.importing.chosen import SIGNALS
     from psafit.experiment.importing.quantities import COLUMNS

@@ -232,6 +232,31 @@ def test_drawn_traces_are_read_right_or_asked_about(
     assert asked <= most
 
 
+def test_files_of_one_heading_may_hold_different_quantities(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A scope calls each signal CH1; what is said of a table must be of a column that it has."""
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.csv").write_text("f (Hz),Vp,Range (um)\n1200,20,76\n1300,20,75\n1400,20,70\n", encoding="utf-8")
+    for name in ("ball.csv", "tip.csv"):
+        Path(name).write_text(rows(first="t (us),CH1 (um)\n"), encoding="utf-8")
+    held = ("--set", "frequency_hz=,1200,1200", "--set", "amplitude_v=,20,20", "--waveform", "sine", *RIG)
+
+    def said(column: str, *files: str) -> str:
+        words = ("import", *files, *held, "--column", f"CH1 (um)={column}", "--out", "rig")
+        assert run(monkeypatch, *words) == 2 and not Path("rig").exists()
+        return capsys.readouterr().err
+
+    every = ("sweep.csv", "ball.csv", "tip.csv")
+    assert "sweep.csv:1: there is no column 'CH1 (um)' among" in said("displacement_um,,tip_displacement_um", *every)
+    assert "2 columns for 'CH1 (um)' and 3 tables; give one" in said("displacement_um,tip_displacement_um", *every)
+    assert "'tip' is no column" in said(",displacement_um,tip", *every)
+    own = ("--column", "CH1 (um)=,displacement_um:um,tip_displacement_um")
+    assert run(monkeypatch, "import", *every, *held, *own, "--out", "rig") == 0
+    read = [g.observable.name for g in read_experiment(Path("rig")).groups]
+    assert read == ["launch_range", "displacement", "tip_displacement"]
+
+
 def test_hostile_files_end_in_readings_or_in_a_line(tmp_path: Path) -> None:
     """A part of `make fuzz`: files that are sound are read right, damaged ones named, spoilt ones never a traceback."""
     for number in range(40):

@@ -186,6 +186,9 @@ def _mapped(grid: Grid, head: Head, options: Options, faults: Faults) -> dict[in
     mapped: dict[int, Column] = {}
     for mapping in options.columns:
         places = names(mapping, head.headings)
+        if mapping.table and not places:
+            what = f"there is no column {shown(mapping.heading)} among {all_headings(head)}"
+            faults.add(fault(grid, head, what, "leave blank what --column says of this table"))
         single = mapping.column in (*CONDITION_COLUMNS, TIME, VOLTAGE, WAVEFORM, GROUPS)
         if len(places) > 1 and single:
             what = f"{len(places)} columns are called {shown(mapping.heading)}"

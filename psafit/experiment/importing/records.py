@@ -12,6 +12,7 @@ from psafit.experiment.drive_table import SETTING_LIMITS
 from psafit.experiment.importing.quantities import VOLTS, Volts
 from psafit.experiment.importing.units import Unit
 from psafit.experiment.records import Group, GroupId
+from psafit.experiment.text import shown
 
 IGNORED = "ignore"
 GROUPS = "group"
@@ -37,11 +38,14 @@ class Mapping:
         psafit's column, `"waveform"`, `"group"` (a new label begins another group) or `"ignore"`.
     unit : Unit or None
         Unit of the values; None for the one of the heading.
+    table : tuple of (int, int), optional
+        The table of which alone this is said, from 0, and the number of those that were thought of.
     """
 
     heading: str
     column: str
     unit: Unit | None = None
+    table: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -137,8 +141,14 @@ class Options:
         Raises
         ------
         InputError
-            If a condition has neither one value nor one for each table.
+            If a condition or a heading has neither one value nor one for each table.
         """
+        for m in self.columns:
+            if m.table and m.table[1] != n_tables:
+                raise InputError(
+                    f"{m.table[1]} columns for {shown(m.heading)} and {n_tables} tables",
+                    "give one, or one for each, blank where there is none",
+                )
         own: list[tuple[str, float]] = []
         for name, given in self.values:
             each = given if isinstance(given, tuple) else (given,)
@@ -150,7 +160,8 @@ class Options:
             one = each[number if len(each) > 1 else 0]
             own += [(name, one)] if one is not None else []
         counted = self.counted[number : number + 1] if len(self.counted) > 1 else self.counted
-        return replace(self, values=tuple(own), counted=counted)
+        columns = tuple(m for m in self.columns if m.table is None or m.table[0] == number)
+        return replace(self, values=tuple(own), counted=counted, columns=columns)
 
 
 @dataclass(frozen=True)
