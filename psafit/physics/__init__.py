@@ -100,9 +100,14 @@ def term(id: str) -> Term:
     ids = [t.id for t in TERMS]
     close = difflib.get_close_matches(id, ids, n=3, cutoff=0.4)
     remedy = f"did you mean {' or '.join(close)}?" if close else f"known are {', '.join(ids)}"
-    if id.startswith(("sigma_", "nu_", "tau_")) or id in ("nu", "tau"):
+    if _of_scatter(id):
         remedy = "that is a parameter of the scatter, which psafit fits with any causes"
     raise InputError(f"there is no cause {id!r}", f"{remedy} (a cause of your own: --plugin FILE)")
+
+
+def _of_scatter(name: str) -> bool:
+    """Whether a name that is no cause's is one of the scatter's parameters."""
+    return name.startswith(("sigma_", "nu_", "tau_")) or name in ("nu", "tau")
 
 
 def terms(ids: Iterable[str]) -> tuple[Term, ...]:
@@ -226,6 +231,13 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
         if b.name not in known:
             what = f"there is no parameter {shown(b.name)} to know of"
             remedy = f"{did_you_mean(b.name, known)}; of a cause of your own give its file, too: --plugin FILE"
+            spreads = {t.latent.name: t.id for t in (*TERMS, *causes) if t.latent}
+            if _of_scatter(b.name):
+                what = f"{b.name} is of the scatter, whose priors stay as they are"
+                remedy = "state what is known of the readings' errors as a column sigma_um, or that of their unit"
+            elif b.name in spreads:
+                what = f"{b.name} is what each session has by {spreads[b.name]}"
+                remedy = f"state the prior of its spread, as psafit terms {spreads[b.name]} lists it"
             raise InputError(what, remedy, file=b.file, line=b.line)
         try:
             found[b.name] = found.get(b.name, known[b.name]) if b.prior is None else known[b.name].informed(b)

@@ -76,6 +76,12 @@ def test_what_is_known_of_a_rig_takes_the_place_of_usual_priors(known: Experimen
     ]
     with pytest.raises(InputError, match="there is no parameter 'k_cc' to know of; did you mean k_c"):
         Problem(replace(known, beliefs=(Belief("k_cc", hertz, "x"),)), (1,))
+    for name, said in (
+        ("sigma_rel", "sigma_rel is of the scatter, whose priors stay as they are; state what is known .* sigma_um"),
+        ("reading_gain_z", "what each session has by reading_gain; state the prior of its spread"),
+    ):
+        with pytest.raises(InputError, match=said):
+            Problem(replace(known, beliefs=(Belief(name, hertz, "x"),)), (1,))
     for name, prior, words in (
         ("k_c", Normal(1e6, 1e5), "it is given by median and factor"),
         ("k_c", LogNormal(1.0, 2.0), "it has its middle within 1000 to 1e.09 N/m"),
