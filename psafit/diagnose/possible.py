@@ -211,7 +211,7 @@ def _sweep(
     """A sweep by frequency or by amplitude between two ends; the other is held."""
     between = f"{_say(ends[0])} to {_say(ends[1])}"
     if variable == "frequency":
-        text, f, v = f"{_say(held)} V, {between} Hz", np.geomspace(*ends, points), np.full(points, held)
+        text, f, v = f"{_say(held, 4)} V, {between} Hz", np.geomspace(*ends, points), np.full(points, held)
     else:
         text, f, v = f"{_say(held)} Hz, {between} V", np.full(points, held), np.linspace(*ends, points)
     return Possible(f"{_called(drive)}, {text}{words}", Design.sweep(rig, drive, f, v), changed)
@@ -244,7 +244,7 @@ def traces(
         length = float(f"{1e6 * (settings.contacts * lasts if math.isfinite(lasts) else 1.0 / f):.2g}")
         time = np.linspace(0.0, length * 1e-6, settings.samples + 1)[1:]
         design = Design.sweep(constants, drive, np.full(settings.samples, f), v)
-        where = f"the recording {drive.file}" if drive.recorded else f"{_called(drive)}, {_say(f)} Hz, {_say(v)} V"
+        where = f"the recording {drive.file}" if drive.recorded else f"{_called(drive)}, {_say(f)} Hz, {_say(v, 4)} V"
         for k, o in enumerate(OBSERVABLES):
             if o.traced:
                 of = "tip's displacement" if o.tip else f"ball's {o.title}"
@@ -279,5 +279,5 @@ def _rigs(
                 yield changes_text([(name, end)]), {name: end}
 
 
-def _say(value: float) -> str:
-    return f"{float(f'{value:.3g}'):.6g}"
+def _say(value: float, digits: int = 3) -> str:
+    return f"{float(f'{value:.{digits}g}'):.6g}"
