@@ -244,15 +244,13 @@ def _say_fit(result: Run, numerics: Numerics) -> None:
         click.echo("hops from where starts ended found the best; all starts were given up behind it or ended lower")
     if result.fit.n_missed:
         click.echo("the best minimum was found by the sampler, not by the search; the result is of it")
-    known = result.summary.parameters
-    open_ones = [p.name for p in known[result.fit.n_physical :] if p.verdict == "not determined"]
-    for p in known:
-        if p.name not in open_ones:
+    for p in result.summary.parameters:
+        if p.name not in result.follows_prior:
             strange = p.implausible and p.verdict != "not determined"
             also = profiled(p.profile, (p.lower, p.upper), p.verdict)
             click.echo(f"  {p.text}{also}" + (not_expected((p.prior_lower, p.prior_upper)) if strange else ""))
-    if open_ones:
-        click.echo(f"  as their priors have them, of the scatter or of sessions: {', '.join(open_ones)}")
+    if result.follows_prior:
+        click.echo(f"  as their priors have them, of the scatter or of sessions: {', '.join(result.follows_prior)}")
     for cause, sizes in _by_session(result.summary.sessions or []):
         click.echo(f"session by session, {cause}: {', '.join(sizes)}")
     if lagging := overdamped(result.problem, result.summary.parameters):
