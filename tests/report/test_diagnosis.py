@@ -258,12 +258,15 @@ def test_what_a_proposal_leaves_tied_and_what_is_confounded_is_reported(tmp_path
         confusion=Confusion([Confounded("hysteresis", "swing_drag", 3.4)]),
         gain=record.gain | {"strict": replace(record.gain["strict"], groups=worse)},
     )
-    page = build(record, experiment, tmp_path)
+    page, none = build(record, experiment, tmp_path), "No other cause that could be seen is confounded"
     rivals = "separates hysteresis of the stack from gap at rest + slew-limited amplifier and drag on the swing"
     assert rivals in page.first_screen
     assert "12.5 ± 0.4 nats 93 % none" in page.text
     assert "1.5 ± 0.1 nats – hysteresis of the stack and gap at rest + slew-limited amplifier" in page.text
-    assert "hysteresis of the stack drag on the swing 3°" in page.text
+    assert "hysteresis of the stack drag on the swing 3°" in page.text and none not in page.text
+    alone = replace(record, confusion=Confusion([]))
+    assert none in build(alone, experiment, tmp_path).text
+    assert none not in build(replace(alone, named=[], verdict="adequate"), experiment, tmp_path).text
     assert (
         "Predicted worse than by the baseline: group" in page.first_screen and "worse than by the baseline" in page.text
     )

@@ -84,6 +84,7 @@ def content(result: Diagnosis, shown: Sequence[Shown], pictured: Sequence[Shown]
         "idle": any(s.verdict == NO_ACTION for s in result.screening),
         "alternatives": alternatives(result),
         "confounded": confounded(result.confusion.alike),
+        "compared": bool(result.named),
     }
 
 
