@@ -277,7 +277,7 @@ def broadened(prior: Prior, factor: float) -> Prior | None:
 
 @dataclass(frozen=True)
 class Belief:
-    """What is known beforehand of one parameter of a certain rig: a prior in the place of the usual one.
+    """What is known beforehand of a parameter of a certain rig: its values, whether its cause is at work, or both.
 
     Parameters
     ----------

@@ -330,7 +330,7 @@ class SessionSummary:
     cause : str
     group : group id
     what : str
-        A gain, a lean.
+        "a session's gain", "a session's lean".
     unit : str
     median, lower, upper : float
     """
@@ -519,8 +519,8 @@ class Overdamped:
     def text(self) -> str:
         """The same in words."""
         return (
-            f"The stack's c_s is beyond critical damping ({significant(self.critical, 2)} N s/m): it does not swing but"
-            f" lags by c_s/k_s, {significant(self.lag_us, 2)} us, and that may stand for another lag"
+            f"the stack does not swing, since c_s is beyond critical damping ({significant(self.critical, 2)} N s/m),"
+            f" but lags by c_s/k_s, {significant(self.lag_us, 2)} us, and that may stand for another lag"
         )
 
 

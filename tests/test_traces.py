@@ -202,6 +202,8 @@ def test_what_is_suspicious_of_a_trace_is_reported(tmp_path: Path) -> None:
     assert any("one in 3 says nearly as much" in w for w in read_experiment(folder(tmp_path / "a", many)).warnings)
     off = "time_us,displacement_um\n" + "".join(f"{k},{50 + k}\n" for k in range(40))
     assert any("is it counted from rest?" in w for w in read_experiment(folder(tmp_path / "b", off)).warnings)
+    shifted = "time_us,displacement_um\n" + "".join(f"{1 + k},{50 + k}\n" for k in range(40))
+    assert any("is it counted from rest?" in w for w in read_experiment(folder(tmp_path / "e", shifted)).warnings)
     late = "time_us,displacement_um\n" + "".join(f"{30 * k},{3 * (-1) ** k}\n" for k in range(1, 40))
     assert not any("counted from rest" in w for w in read_experiment(folder(tmp_path / "d", late)).warnings)
     mm = "time_us,displacement_um\n" + "".join(f"{10 * k},{1e3 * k * k}\n" for k in range(40))

@@ -153,7 +153,7 @@ def _mappings(text: str) -> list[Mapping]:
     """What a ``--column`` says, of several tables perhaps of each."""
     heading, _, rest = text.rpartition("=")
     parts = [part.strip() for part in rest.split(",")]
-    if not heading.strip() or len(parts) == 1:
+    if not heading.strip() or len(parts) == 1 or not any(parts):
         return [_mapping(text)]
     said = ((k, _mapping(f"{heading}={part}")) for k, part in enumerate(parts) if part)
     return [replace(mapping, table=(k, len(parts))) for k, mapping in said]

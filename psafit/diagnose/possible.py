@@ -209,7 +209,7 @@ def _sweep(
     changed: dict[str, float],
 ) -> Possible:
     """A sweep by frequency or by amplitude between two ends; the other is held."""
-    between = f"{_say(ends[0])} to {_say(ends[1])}"
+    between = " to ".join(_say(end, 3 if variable == "frequency" else 4) for end in ends)
     if variable == "frequency":
         text, f, v = f"{_say(held, 4)} V, {between} Hz", np.geomspace(*ends, points), np.full(points, held)
     else:

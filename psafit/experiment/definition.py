@@ -57,7 +57,10 @@ _DRIVE_REMEDY = {
     "phase_deg": "give the phase at the start in degrees",
     "cycles": "give how many periods the drive lasts, or leave it out if it runs on",
 }
-_PRIOR = 'write for example [prior.k_c] with median, factor (a value that may be zero: mean, sd) and source = "..."'
+_PRIOR = (
+    "write for example [prior.k_c] with median, factor (a value that may be zero: mean, sd; of a cause also"
+    ' probability, alone or with them) and source = "..."'
+)
 _READ = "read"
 _LIMITED = "write for example under [limits]: frequency_hz = [100, 20000], or l = [0.06, 0.12]"
 _FACT = "give it in SI units: ohm, F, V, m; leave out what is not known"

@@ -109,7 +109,7 @@ def contradicted(rig: Rig, constants: Constants, beliefs: Sequence[Belief] = ())
     ball = _suspicious_ball(rig, constants)
     found = [*_outside(rig, _FACTS), *ball]
     if rig.rated_stroke is None or rig.rated_voltage is None or is_rated_stroke(rig, constants):
-        if not any(b.name == "modal_mass_ratio" for b in beliefs):  # else somebody says how m was found
+        if not any(b.name == "modal_mass_ratio" and b.prior for b in beliefs):  # else somebody says how m was found
             found += _suspicious_stack(rig, constants, ball_is_right=rig.ball_radius is not None and not ball)
     else:
         found.append(
@@ -448,7 +448,7 @@ def _suspicious_clock(part: Group, late: float = 10.0) -> list[str]:
 
 
 def _suspicious_trace(
-    part: Group, most: int = 2000, far: float = 0.5, late: float = 0.9, turned: float = 2.0
+    part: Group, most: int = 2000, early: float = 0.1, far: float = 0.5, late: float = 0.9, turned: float = 2.0
 ) -> list[str]:
     """What the samples of a trace say together.
 
@@ -457,9 +457,9 @@ def _suspicious_trace(
     part : Group
     most : int
         Samples beyond which more of them say little: their errors are correlated.
-    far : float
-        A trace that begins this part of its reach from zero, and changes nowhere as fast as it would have had to until
-        then, is not counted from rest.
+    early, far : float
+        A trace that begins within this part of its length, this part of its reach from zero, and changes nowhere as
+        fast as it would have had to until then, is not counted from rest.
     late, turned : float
         The drive throws the ball to the positive side. A trace that lies below zero from this part of its length on,
         and reaches so many times farther there than above, is counted the other way.
@@ -470,9 +470,11 @@ def _suspicious_trace(
     if part.n_points > most:
         every = -(-part.n_points // most)
         found.append(f"{part.n_points} samples; one in {every} says nearly as much, and is fitted in less time")
-    fastest = float(np.max(np.abs(np.diff(part.reading) / np.diff(part.time_us)), initial=0.0))
-    begins = abs(float(part.reading[0]))
-    if begins > max(far * float(np.abs(part.reading).max()), fastest * float(part.time_us[0])):
+    begins = part.time_us[0] < early * part.time_us[-1]
+    least = far * np.abs(part.reading).max()
+    if begins and abs(part.reading[0]) > max(
+        least, part.time_us[0] * np.abs(np.diff(part.reading) / np.diff(part.time_us)).max()
+    ):
         found.append(
             f"{part.observable.column} begins at {part.reading[0]:g} {part.observable.unit}; is it counted from rest?"
         )

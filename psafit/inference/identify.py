@@ -184,7 +184,7 @@ def profiles(
     how = ProfileSettings()
     likelihood = _Likelihood(**{f.name: getattr(problem, f.name) for f in fields(problem)})
     columns = range(problem.n_physical) if columns is None else columns
-    spreads = {p.name for t in problem.terms if t.latent for p in t.parameters}
+    by_session = {p.name for t in problem.terms if t.latent for p in t.parameters}
     low, high = likelihood.bounds.T
 
     def optimise(starts: Sequence[tuple[_Walk, FloatArray]]) -> None:
@@ -201,7 +201,7 @@ def profiles(
     _, curvature = expansion(likelihood, peak.u, peak.predicted, slope, likelihood.observed[None])
     spread = np.linalg.pinv(curvature[0] + how.flattest * np.eye(likelihood.n_dim))
     width = np.sqrt(np.maximum(np.diag(spread), 1e-12))
-    walked = (k for k in columns if problem.names[k] not in spreads)
+    walked = (k for k in columns if problem.names[k] not in by_session)
     walks = [_Walk(k, [(peak.u[0], float(likelihood.profiled(peak, [k])[0]))]) for k in walked]
     first = []
     for walk in walks:

@@ -58,7 +58,7 @@ class Run(Brief):
         return np.array([self.fit.minima[0].values[name] for name in self.problem.names])
 
     @property
-    def follows_prior(self) -> list[str]:
+    def not_determined(self) -> list[str]:
         """Parameters of the scatter and of sessions that the readings do not determine."""
         return [p.name for p in self.summary.parameters[self.fit.n_physical :] if p.verdict == "not determined"]
 

@@ -53,7 +53,7 @@ def summarise(
         contraction = 1 - float(np.var(sampled[:, i]) / np.var(prior))
         lower, median, upper = (float(q) for q in quantiles[:, i])
         word = identify.verdict(points) if points else identify.verdict_of_draws(sampled[:, i], parameter, contraction)
-        if word == "not determined" and not points and parameter.name in strange:
+        if word == "not determined" and not points and parameter.is_implausible(median):
             word = "determined"  # readings drove it where its prior is not
         prior_lower, prior_upper = parameter.prior_interval
         entries.append(

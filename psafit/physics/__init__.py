@@ -230,17 +230,21 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
     for b in beliefs:
         if b.name not in known:
             what = f"there is no parameter {shown(b.name)} to know of"
-            remedy = f"{did_you_mean(b.name, known)}; of a cause of your own give its file, too: --plugin FILE"
-            spreads = {t.latent.name: t.id for t in (*TERMS, *causes) if t.latent}
-            if _of_scatter(b.name):
+            latents = {t.latent.name: t.id for t in (*TERMS, *causes) if t.latent}
+            cause = next((id for name, id in latents.items() if b.name == name or b.name.startswith(f"{name}_")), "")
+            if cause:
+                what = f"{b.name} is what each session has by {cause}"
+                remedy = f"state the prior of its spread, as psafit terms {cause} lists it"
+            elif _of_scatter(b.name):
                 what = f"{b.name} is of the scatter, whose priors stay as they are"
-                remedy = "state what is known of the readings' errors as a column sigma_um, or that of their unit"
-            elif b.name in spreads:
-                what = f"{b.name} is what each session has by {spreads[b.name]}"
-                remedy = f"state the prior of its spread, as psafit terms {spreads[b.name]} lists it"
+                remedy = (
+                    "state what is known of the readings' errors in a column: sigma_um, sigma_mm_s, sigma_us, sigma_n"
+                )
+            else:
+                remedy = f"{did_you_mean(b.name, known)}; of a cause of your own give its file, too: --plugin FILE"
             raise InputError(what, remedy, file=b.file, line=b.line)
         try:
-            found[b.name] = found.get(b.name, known[b.name]) if b.prior is None else known[b.name].informed(b)
+            found[b.name] = found.get(b.name, known[b.name]).informed(b)
         except ValueError as error:
             what, remedy = f"prior of {b.name} ({b.describe()}) cannot be", f"it {error}"
             if isinstance(b, Followed):

@@ -343,7 +343,7 @@ class Term:
         One more parameter for every session, appended to `p` in the order of the sessions; to that of `setup`, the one
         of the session in question.
     of_session : OfSession, optional
-        What each session has by it; a diagnosis reports that.
+        What each session has by it; fits and diagnoses report that.
     limit : (str, tuple of float), optional
         Where a vanishing strength does not tend to the baseline: the cause it tends to, with that one's values. The
         description says why.

@@ -116,8 +116,8 @@ def write_report(
         "summary": fit_pictures.summary_picture(pictured),
         "explorable": fit_pictures.explorable(shown),
         "extended": bool(run.fit.terms),
-        "parameters": [row for s, row in rows if s.name not in run.follows_prior],
-        "open_parameters": [row for s, row in rows if s.name in run.follows_prior],
+        "parameters": [row for s, row in rows if s.name not in run.not_determined],
+        "open_parameters": [row for s, row in rows if s.name in run.not_determined],
         "caution": caution(validation),
         "sessions": [_session_row(s) for s in run.summary.sessions or []],
         "implausible": [s for s in run.summary.parameters if s.implausible],
@@ -246,7 +246,7 @@ def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     said = [head, trend, *_on_all_readings(validation), _what_is_not_determined(run), *_what_is_implausible(run)]
     if lagging := overdamped(run.problem, run.summary.parameters):
         text = re.sub(r"\b[a-z]_[a-z]\b", lambda found: symbol_html(found[0]), escape(typeset(lagging.text)))
-        said.append(Markup("{}.").format(Markup(text)))
+        said.append(Markup("{}.").format(Markup(text[:1].upper() + text[1:])))
     return Markup(" ").join(said)
 
 

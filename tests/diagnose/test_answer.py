@@ -284,7 +284,12 @@ def test_groups_that_are_predicted_worse_are_named() -> None:
     ]  # fmt: skip
     gain = replace(strict, groups=rows)
     assert [g.group for g in gain.worse] == [first.group]
-    own = Gained(gain, [1], ["reading_gain"]).say(PLAIN)
+    named = replace(gain, groups=[replace(g, named=["gap", "reading_gain"]) for g in gain.groups])
+    value = ParameterResult(0.8, 0.7, 0.9, "1", "a session's gain", 0.5)
+    models = [replace(c, sessions=[SessionResult("reading_gain", 1, value)]) for c in record().causes]
+    gained = of(replace(record(), causes=models, gain={"strict": named, "nested": gain}), Gained)
+    assert [g.by_session for g in gained] == [["reading_gain"], []]
+    own = gained[0].say(PLAIN)
     assert "What reading_gain does in a session that was not fitted is not known" in own
     said = Gained(gain, [1], []).say(PLAIN)
     assert said.endswith("Predicted worse than by the baseline: group 2 (0.900 to 0.200).")
@@ -336,6 +341,11 @@ def test_how_often_chance_finds_as_much() -> None:
 def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, reported: str) -> None:
     allowed = "The probabilities allow for a chance of 3 % that a better set was missed"
     assert Searched(looked_at, 0.03).say(PLAIN) == f"{reported} {allowed} (measured for one or two causes)."
+
+
+def test_many_causes_without_a_limit_are_counted() -> None:
+    room = Room([], "preload", 0.075, [f"cause_{k}" for k in range(6)], 9, None)
+    assert room.say(PLAIN).endswith("Of 9 causes, 3 could be bounded; of the others no limit could be computed.")
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ import pytest
 from rigs import TRUTH, rig
 
 from psafit.errors import InputError
-from psafit.experiment import Experiment
+from psafit.experiment import Experiment, fingerprint
 from psafit.files import sha256
 from psafit.inference import identify
 from psafit.inference import run as running
@@ -115,6 +115,23 @@ def test_a_chain_between_several_places_says_so() -> None:
     assert "c_c mixes least" in said and "in 3 places" in said
     assert held_apart(names, [-10.0, -16.0], r_hat, 1.01) == ""
     assert held_apart(names, [-10.0, -12.0], r_hat - 0.03, 1.01) == ""
+
+
+@pytest.mark.slow
+def test_a_run_says_what_each_session_has(known: Experiment, tmp_path: Path) -> None:
+    """As it was read with a factor of 0.8 in one session; and the record holds it."""
+    first, *others = known.groups
+    groups = (replace(first, reading=0.8 * first.reading), *others)
+    dull = replace(known, groups=groups, fingerprint=fingerprint(known.constants, groups))
+    run = fit(dull, known.ids, tmp_path / "r", terms=terms(["reading_gain"]), sampled_by="importance")
+    gains = {s.group: s for s in load(run.folder).summary.sessions or []}
+    assert gains == {s.group: s for s in run.summary.sessions or []} and [*gains] == [*known.ids]
+    ratio = gains[first.id].median / np.mean([gains[g.id].median for g in others])
+    assert ratio == pytest.approx(0.8, rel=0.08) and gains[first.id].upper < gains[others[0].id].lower
+    spread = next(p for p in run.summary.parameters if p.name == "reading_gain_spread")
+    assert spread.profile == [] and spread.verdict != "bounded below"
+    flagged = {p.name for p in run.summary.parameters if p.implausible}
+    assert not any(name.startswith("reading_gain_z") for name in flagged)
 
 
 @pytest.mark.slow

@@ -55,4 +55,4 @@ def test_what_sessions_have_is_said_as_people_know_it(tmp_path: Path, capsys: py
     _say_fit(replace(run, summary=summary), make_numerics(run))
     said = capsys.readouterr().out
     assert "session by session, reading_gain: group 1 0.772 (0.746 to 0.797)\n" in said
-    assert f"of the scatter or of sessions: {', '.join(p.name for p in last)}\n" in said
+    assert f"  not determined, of the scatter or of sessions: {', '.join(p.name for p in last)}\n" in said

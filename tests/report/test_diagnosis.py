@@ -402,8 +402,8 @@ def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
         in " ".join(page.first_screen.split())
     )
     assert "Probably at work" not in build(record, experiment, tmp_path).first_screen
-    doubted = "(90 % by [rig], 2 % after them)"
-    needed = "psafit fit with --terms hysteresis,gap shows the values it would need."
+    doubted = "(90 % by [rig], 2 % after the readings)"
+    needed = "psafit fit with --terms hysteresis,gap shows what values may be left."
     assert f"speak against what is known of the rig: gap at rest {doubted}. {needed}" in page.first_screen
 
 

@@ -148,6 +148,11 @@ def test_rows_of_the_first_picture_differ_where_the_groups_do():
     assert [name[-4:] for name in names] == ["40 V", "90 V", " kHz", "40 V"] and shared == ""
     assert len({*names}) == 4 and all(len(name) <= 30 for name in names)
     assert figures.row_names(rows[:1]) == (["1: unipolar sine, 40 V"], "")
+    bursts = [
+        figures.Row(k, f"unipolar sine ({n} periods), {k}0 V, l = 0.09 m", rows[0].marks) for k, n in ((1, 5), (2, 25))
+    ]
+    names, shared = figures.row_names([*bursts, figures.Row(3, "unipolar triangle, 20 V, l = 0.09 m", rows[0].marks)])
+    assert all(f"{k}0 V" in name for k, name in zip((1, 2, 2), names, strict=True)) and shared == "l = 0.09 m"
     same = [figures.Row(k, "sine, 2 kHz", rows[0].marks) for k in (1, 2)]
     assert figures.row_names(same) == (["1", "2"], "sine, 2 kHz")
     group = sweep_groups()[1]

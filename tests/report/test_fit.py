@@ -143,12 +143,19 @@ def test_parameters_agree_with_the_record(page):
 
 
 def test_what_each_session_has_is_in_a_table(tmp_path):
+    """And what of the scatter is not determined stands behind a click, as all else of the table."""
     run = make_run(tmp_path)
+    n = run.fit.n_physical
+    last = [replace(p, verdict="not determined") for p in run.summary.parameters[n:]]
+    run = replace(run, summary=replace(run.summary, parameters=[*run.summary.parameters[:n], *last]))
     sessions = [SessionSummary("session_lean", 1, "lean", "m", 3.2e-3, 2.9e-3, 3.5e-3)]
     run = replace(run, summary=replace(run.summary, sessions=sessions))
     predictions = make_predictions(run)
     path = write_report(run, make_validation(run, predictions), predictions, make_numerics(run))
-    assert "Group 1 lean 0.00320 m 0.00290 to 0.00350 m" in Reader(path.read_text("utf-8")).text
+    html = path.read_text("utf-8")
+    assert "Group 1 lean 0.00320 m 0.00290 to 0.00350 m" in Reader(html).text
+    aside = html.partition(f"that these readings do not determine: {len(last)}</summary>")[2].partition("</details>")[0]
+    assert aside.count("not determined</span>") == len(last)
 
 
 def test_first_screen_says_what_it_must(page):

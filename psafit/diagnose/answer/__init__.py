@@ -33,6 +33,7 @@ from psafit.diagnose.answer.findings import (
 from psafit.diagnose.answer.grounds import ByChance, Calibrated, LivesOn, OneGroup, Searched, SmoothIsBetter
 from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.answer.worth import CheckFirst, Drafted, Gained, LookAt, Next, NoGain
+from psafit.diagnose.gain import Gain
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.record.models import NOT_EXCLUDED, NOT_PRESENT, UNSEEN, CauseResult, ParameterResult
@@ -72,9 +73,8 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
         found.append(ByChance(d.misfit.search))
     if d.calibration:
         found.append(Calibrated(d.calibration, d.explains))
-    sessions = [s.cause for s in (d.best_model.sessions or [] if d.best_model else [])]
-    by_session = [id for id in d.named if id in sessions]
-    found += [Gained(gain, d.training, by_session) for gain in d.gain.values()] or [NoGain(d.quick)]
+    by_session = {s.cause for c in d.causes for s in c.sessions or []}
+    found += [Gained(gain, d.training, _named_in(gain, by_session)) for gain in d.gain.values()] or [NoGain(d.quick)]
     if d.verdict == "unexplained":
         found.append(CheckFirst())
     if d.draft:
@@ -196,7 +196,7 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
 
 
 def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> Iterator[Statement]:
-    """The causes that the experiment holds for `likely`, or more: those the readings do not show, or speak against."""
+    """The causes that the experiment holds for more than `likely`: those the readings do not show, or speak against."""
     silent, against, weak = [], [], {id for counted in d.counted for id in counted.terms}
     for s in d.screening:
         said = leading_belief(b for b in beliefs if owner(b.name) == s.id)
@@ -209,8 +209,13 @@ def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> It
             against.append((s.id, by, said.probability, s.inclusion))
     if silent:
         yield AtWork(silent)
-    if against and d.verdict != "unexplained":  # a model that is wrong speaks against nothing
+    if against:
         yield Against(against, d.named)
+
+
+def _named_in(gain: Gain, causes: set[str]) -> list[str]:
+    """Those of some causes that a choice has named."""
+    return sorted(causes & {id for group in gain.groups for id in group.named})
 
 
 def _tails(d: Diagnosis, terms: list[str]) -> tuple[float, float] | None:

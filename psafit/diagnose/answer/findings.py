@@ -542,13 +542,15 @@ class Against(Statement):
 
     def say(self, words: Words) -> str:
         each = (
-            words.put("{} ({} by {}, {} after them)", words.cause(c), words.per_cent(before), by, words.share(after))
+            words.put(
+                "{} ({} by {}, {} after the readings)", words.cause(c), words.per_cent(before), by, words.share(after)
+            )
             for c, by, before, after in self.causes
         )
         terms = ",".join([*self.named, *(c for c, *_ in self.causes)])
         return words.put(
-            "The readings speak against what is known of the rig: {}. psafit fit with --terms {} shows the values it"
-            " would need.",
+            "The readings speak against what is known of the rig: {}. psafit fit with --terms {} shows what values may"
+            " be left.",
             words.joined(", ", each), terms,
         )  # fmt: skip
 
@@ -575,7 +577,7 @@ class Room(Statement):
         where = _place(self.place, words) if self.place else ""
         free = words.put(", not {}", words.listed(map(words.cause, self.unbounded)))
         if len(self.unbounded) > self.few:
-            free = "; of the others too few draws of the posterior counted for a limit"
+            free = "; of the others no limit could be computed"
         return words.put(
             "The most that these readings leave to a further cause: {} changes a reading{} by up to {} (95 % limit),"
             " added to {} and refitted. Of {}, {} could be bounded{}.",

@@ -52,7 +52,7 @@ class Gained(Statement):
             *(words.number(fixed(x, 3, sign=True)) for x in g.log_rmse_interval),
         )  # fmt: skip
         if self.by_session:
-            own = "{} What {} does in a session that was not fitted is not known: its band is wider for it."
+            own = "{} What {} does in a session that was not fitted is not known: the band of such a session is wider."
             text = words.put(own, text, words.listed(map(words.cause, self.by_session)))
         if not g.worse:
             return text

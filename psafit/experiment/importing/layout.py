@@ -221,7 +221,8 @@ def find_head(
         score = len(known), sum(map(is_number, below.cells)) if below else 0
         if known and (best is None or score > best[0]):
             best, sure = (score, Head(row.line, headings, units, first, len(known))), channels
-    if best is None or (not sure and best[1].known < max(2, len({m.column for m in options.columns}))):
+    said = {m.heading if m.table else m.column for m in options.columns}  # of a table one column each
+    if best is None or (not sure and best[1].known < max(2, len(said))):
         return _without_headings(grid, options) or (best and best[1])
     return best[1]
 

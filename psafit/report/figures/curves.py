@@ -137,7 +137,7 @@ View = tuple[float, float, bool]
 """Lower and upper end of a picture, and whether its axis is logarithmic."""
 
 
-def _view(group: Conditions, curves: Sequence[Curve]) -> View:
+def view_of(group: Conditions, curves: Sequence[Curve]) -> View:
     """What a picture of a group shows: see `reading_range`."""
     measured = readings_of(group)
     lines = [c.line[1] for c in curves if c.line is not None]
@@ -151,7 +151,7 @@ def _view(group: Conditions, curves: Sequence[Curve]) -> View:
 
 def apart(group: Conditions, curves: Sequence[Curve]) -> float:
     """How far curves lie from the first at most, as a part of the height of their picture."""
-    bottom, top, log = _view(group, curves)
+    bottom, top, log = view_of(group, curves)
     height = math.log(top / bottom) if log else top - bottom
     first, *others = (np.maximum(c.middle, bottom) for c in curves)
     gaps = (np.log(c / first) if log else c - first for c in others)
@@ -195,7 +195,7 @@ def draw_curves(
 ) -> None:
     """Readings, if there are any, models and their bands into given axes, which are scaled to them or to a view."""
     measured, x = readings_of(group), sweep.values
-    bottom, top, log = view or _view(group, curves)
+    bottom, top, log = view or view_of(group, curves)
     single = len(np.unique(x)) == 1
     # Where nothing varies steadily, each reading has a piece of its own: a slope between two would suggest a trend.
     between: Any
@@ -250,7 +250,7 @@ def zero_mark(drawn: Iterable[tuple[Conditions, Sequence[Curve]]]) -> list[Artis
 
     looks: list[dict[str, Any]] = []
     for group, curves in drawn:
-        if _view(group, curves)[2]:
+        if view_of(group, curves)[2]:
             if (readings_of(group) == 0).any():
                 looks.insert(0, {**MEASURED, "marker": "v"})
             looks += [{"color": PALETTE[c.color], "marker": "v", "ls": "none"} for c in curves if (c.middle == 0).any()]
@@ -300,7 +300,7 @@ def explorable(
         "amplitude": column(group.amplitude_v),
         "measured": column(group.reading),
         "sigma": None if group.sigma is None else column(group.sigma),
-        "log": [sweep.log, _view(group, curves)[2]],
+        "log": [sweep.log, view_of(group, curves)[2]],
         "curves": [
             {
                 "name": c.name,

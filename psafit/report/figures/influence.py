@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 
 from psafit.arrays import FloatArray
 from psafit.experiment import Group
-from psafit.report.figures.axes import range_label, reading_range, scale_axis, scale_sweep
+from psafit.report.figures.axes import range_label, scale_axis, scale_sweep
+from psafit.report.figures.curves import view_of
 from psafit.report.figures.groups import title
 from psafit.report.figures.sweep import Sweep
 from psafit.report.style import PALETTE, figure_style
@@ -40,10 +41,7 @@ def influence_figure(
         figure = Figure(figsize=(3.7 * columns + 0.9, 2.6 * rows + 0.3), layout="constrained")
         panels = figure.subplots(rows, columns, squeeze=False).ravel()
         for axes, group, sweep, given in zip(panels, groups, sweeps, nats, strict=False):
-            low, high, log = reading_range(group.reading, group.reading, group.reading)
-            if group.reading.min() < 0:  # of a trace
-                edge = 0.06 * np.ptp(group.reading)
-                low, high, log = group.reading.min() - edge, group.reading.max() + edge, False
+            low, high, log = view_of(group, ())
             axes.scatter(
                 sweep.values, np.maximum(group.reading, low), c=given, cmap=colours, norm=norm, s=30,
                 edgecolor=PALETTE["grey"], linewidth=0.5, zorder=3, clip_on=False,
