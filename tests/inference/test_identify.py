@@ -40,10 +40,11 @@ def test_profile_of_a_determined_and_an_open_parameter(finished: Run) -> None:
 
 def test_a_spread_of_sessions_has_no_profile(finished: Run) -> None:
     """The wider it is, the less improbable are the sessions' values in units of it: no point is the highest."""
-    problem = replace(finished.problem, terms=terms(["reading_gain"]))
-    at = [problem.names.index(name) for name in ("k_c", "reading_gain_spread")]
-    stiffness, spread = identify.profiles(problem, problem.medians, columns=at)
-    assert len(stiffness) > 3 and spread == []
+    problem = replace(finished.problem, terms=terms(["reading_gain", "session_lean"]))
+    own = [p.name for t in problem.terms for p in t.parameters]
+    at = [problem.names.index(name) for name in ("k_c", *own)]
+    stiffness, *others = identify.profiles(problem, problem.medians, columns=at)
+    assert len(stiffness) > 3 and others == [[]] * len(own) and len(own) == 3
 
 
 @pytest.mark.slow

@@ -13,6 +13,8 @@ import pytest
 from diagnoses_by_hand import CONSTANTS, build, growth, make_experiment, make_record
 from reader import HOSTILE, Reader
 
+from psafit.diagnose.answer import answer as answer_of
+from psafit.diagnose.answer.findings import Against
 from psafit.diagnose.answer.worth import Next
 from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.explanations import Explanation
@@ -20,7 +22,7 @@ from psafit.diagnose.gain import Choice
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, Purpose
 from psafit.diagnose.record import Confusion, Diagnosis
 from psafit.diagnose.record.misfit import MisfitResult
-from psafit.diagnose.record.models import NOT_EXCLUDED, UNSEEN, ModelShown
+from psafit.diagnose.record.models import NOT_EXCLUDED, UNSEEN, Counted, ModelShown
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.experiment import Experiment, Group, fingerprint
@@ -405,6 +407,10 @@ def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
     doubted = "(90 % by [rig], 2 % after the readings)"
     needed = "psafit fit with --terms hysteresis,gap shows what values may be left."
     assert f"speak against what is known of the rig: gap at rest {doubted}. {needed}" in page.first_screen
+    likely = replace(record, screening=[replace(s, inclusion=0.6) for s in record.screening])
+    counted = replace(record, counted=[Counted(["gap"], 1.2, {}, {})])
+    for other in (likely, counted):
+        assert not any(isinstance(s, Against) for s in answer_of(other, follow))
 
 
 def test_a_record_read_back_gives_the_same_page(tmp_path):

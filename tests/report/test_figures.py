@@ -19,6 +19,7 @@ from psafit.report import figures, fit
 from psafit.report.figures import curves
 from psafit.report.figures.axes import scale_axis
 from psafit.report.figures.groups import titled
+from psafit.report.figures.influence import influence_figure
 from psafit.report.page import figure_data_uri
 from psafit.report.style import PALETTE
 from psafit.validate import Prediction
@@ -132,6 +133,19 @@ def test_a_line_breaks_where_nothing_is_launched():
     assert np.isnan(line.get_ydata()).tolist() == [False, False, True, True]
     (mark,) = (x for x in axes.lines if x.get_marker() == "v")
     assert mark.get_xdata().tolist() == [300.0, 400.0] and np.all(mark.get_ydata() == axes.get_ylim()[0])
+
+
+def test_readings_of_either_sign_are_seen_whatever_they_support():
+    """A trace goes below zero, and no sample of it lies at the edge of the picture."""
+    time = np.linspace(10.0, 400.0, 14)
+    moved = 3.0 * np.sin(time / 40.0)
+    full = np.full(14, 20.0)
+    trace = Group(1, "square", "a.csv", 50 * full, full, moved, time_us=time, measured=np.full(14, 4, np.int8))
+    figure = influence_figure([trace], [figures.sweep_of(trace)], [np.zeros(14)], most=1.0)
+    axes = figure.axes[0]
+    (points,) = axes.collections
+    assert axes.get_yscale() == "linear" and points.get_offsets()[:, 1].tolist() == moved.tolist()
+    assert axes.get_ylim()[0] < moved.min() and axes.get_ylim()[1] > moved.max()
 
 
 def test_rows_of_the_first_picture_differ_where_the_groups_do():
