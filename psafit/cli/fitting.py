@@ -244,13 +244,14 @@ def _say_fit(result: Run, numerics: Numerics) -> None:
         click.echo("hops from where starts ended found the best; all starts were given up behind it or ended lower")
     if result.fit.n_missed:
         click.echo("the best minimum was found by the sampler, not by the search; the result is of it")
+    left = result.not_determined
     for p in result.summary.parameters:
-        if p.name not in result.not_determined:
+        if p.name not in left:
             strange = p.implausible and p.verdict != "not determined"
             also = profiled(p.profile, (p.lower, p.upper), p.verdict)
             click.echo(f"  {p.text}{also}" + (not_expected((p.prior_lower, p.prior_upper)) if strange else ""))
-    if result.not_determined:
-        click.echo(f"  not determined, of the scatter or of sessions: {', '.join(result.not_determined)}")
+    if left:
+        click.echo(f"  not determined, of the scatter or of sessions: {', '.join(left)}")
     for cause, sizes in _by_session(result.summary.sessions or []):
         click.echo(f"session by session, {cause}: {', '.join(sizes)}")
     if lagging := overdamped(result.problem, result.summary.parameters):

@@ -213,6 +213,19 @@ def label(name: str) -> str:
     return name if unit == "1" else f"{name} ({unit})"
 
 
+def _unknown(name: str, known: Iterable[str], causes: Iterable[Term]) -> tuple[str, str]:
+    """What is wrong with the name of a prior that no parameter has, and what to do."""
+    for cause in causes:
+        if cause.latent and (name == cause.latent.name or name.startswith(f"{cause.latent.name}_")):
+            what = f"{name} is what each session has by {cause.id}"
+            return what, f"state the prior of its spread, as psafit terms {cause.id} lists it"
+    if _of_scatter(name):
+        remedy = "state what is known of the readings' errors in a column: sigma_um, sigma_mm_s, sigma_us, sigma_n"
+        return f"{name} is of the scatter, whose priors stay as they are", remedy
+    remedy = f"{did_you_mean(name, known)}; of a cause of your own give its file, too: --plugin FILE"
+    return f"there is no parameter {shown(name)} to know of", remedy
+
+
 def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[Parameter, ...], tuple[Term, ...]]:
     """The baseline's parameters and some causes, with what is known of their values in the place of usual priors.
 
@@ -229,19 +242,7 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
     found: dict[str, Parameter] = {}
     for b in beliefs:
         if b.name not in known:
-            what = f"there is no parameter {shown(b.name)} to know of"
-            latents = {t.latent.name: t.id for t in (*TERMS, *causes) if t.latent}
-            cause = next((id for name, id in latents.items() if b.name == name or b.name.startswith(f"{name}_")), "")
-            if cause:
-                what = f"{b.name} is what each session has by {cause}"
-                remedy = f"state the prior of its spread, as psafit terms {cause} lists it"
-            elif _of_scatter(b.name):
-                what = f"{b.name} is of the scatter, whose priors stay as they are"
-                remedy = (
-                    "state what is known of the readings' errors in a column: sigma_um, sigma_mm_s, sigma_us, sigma_n"
-                )
-            else:
-                remedy = f"{did_you_mean(b.name, known)}; of a cause of your own give its file, too: --plugin FILE"
+            what, remedy = _unknown(b.name, known, (*TERMS, *causes))
             raise InputError(what, remedy, file=b.file, line=b.line)
         try:
             found[b.name] = found.get(b.name, known[b.name]).informed(b)

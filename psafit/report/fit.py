@@ -105,6 +105,7 @@ def write_report(
     shown = fit_pictures.shown_groups(validation, predictions, lambda group: without_each(run.problem, few, [group]))
     pictured = fit_pictures.pictured(shown)
     marginals = fit_pictures.marginals(run)
+    left = run.not_determined
     rows = list(zip(run.summary.parameters, parameter_rows(run, bool(caution(validation))), strict=True))
     content = {
         "offsets": offsets(g.prediction.group for g in shown),
@@ -116,8 +117,8 @@ def write_report(
         "summary": fit_pictures.summary_picture(pictured),
         "explorable": fit_pictures.explorable(shown),
         "extended": bool(run.fit.terms),
-        "parameters": [row for s, row in rows if s.name not in run.not_determined],
-        "open_parameters": [row for s, row in rows if s.name in run.not_determined],
+        "parameters": [row for s, row in rows if s.name not in left],
+        "open_parameters": [row for s, row in rows if s.name in left],
         "caution": caution(validation),
         "sessions": [_session_row(s) for s in run.summary.sessions or []],
         "implausible": [s for s in run.summary.parameters if s.implausible],
