@@ -189,29 +189,34 @@ def _first_crossing(step: Step, monitors: list[Monitor], fresh: bool) -> tuple[f
                 continue
             first = clear[0]
             sign = 1 if g[first] > 0.0 else -1
-        theta = _fall(step, monitor, [sign * value for value in g], sign, first, fresh)
+        theta = _fall(step, monitor, [sign * value for value in g], sign, first)
         if theta is not None and (best is None or theta < best[0]):
             best = theta, monitor
     return best
 
 
-def _fall(step: Step, monitor: Monitor, g: list[float], sign: int, first: int, fresh: bool) -> float | None:
-    """First fraction of the step, from grid point `first` on, at which `g`, the monitor with its sign, falls to 0."""
+def _fall(step: Step, monitor: Monitor, g: list[float], sign: int, first: int) -> float | None:
+    """First fraction of the step, from grid point `first` on, at which `g`, the monitor with its sign, falls to 0.
+
+    It falls once it leaves its noise; where it then was last above zero is where it fell. A monitor that is not above
+    zero before fell at or before the step's start: 0.
+    """
 
     def at(theta: float) -> float:
         return sign * step.watch(monitor, theta)
 
-    def zero(low: float, high: float) -> float:
+    def zero(high: float) -> float:
+        if above is None:
+            return 0.0
+        low = float(GRID[above])
         if at(low) <= 0.0:
             return low
         return float(brentq(at, low, high, xtol=1e-16, rtol=4 * EPS)) if at(high) < 0.0 else high
 
-    noise = monitor.noise
+    noise, above = monitor.noise, None
     for i in range(first, len(g)):
         if g[i] < -noise:
-            if i == first:
-                return 0.0 if fresh else float(GRID[i])
-            return zero(float(GRID[i - 1]), float(GRID[i]))
+            return zero(float(GRID[i]))
         # A dip between grid points: where the parabola through three of them falls below zero, look closely.
         if first < i < len(g) - 1 and g[i] <= g[i - 1] and g[i] <= g[i + 1]:
             bend = g[i - 1] - 2.0 * g[i] + g[i + 1]
@@ -220,7 +225,9 @@ def _fall(step: Step, monitor: Monitor, g: list[float], sign: int, first: int, f
                 low, high = float(GRID[i - 1]), float(GRID[i + 1])
                 found = minimize_scalar(at, bounds=(low, high), method="bounded", options={"xatol": 1e-10})
                 if found.fun < -noise:
-                    return zero(low, float(found.x))
+                    return zero(float(found.x))
+        if g[i] > 0.0:
+            above = i
     return None
 
 
@@ -282,6 +289,8 @@ def advance(
         if found is not None and (badness <= 1.0 or (found[1].clean and found[0] > 0.0)):
             theta, monitor = found
             if theta == 0.0:
+                if not fresh:
+                    return tau, y, monitor.name  # it passed zero within its noise
                 # Wrong from the first glance on: a piece of no length, unless a closer look shows otherwise.
                 opening = opening or h
                 if h < earliest * opening:

@@ -230,6 +230,24 @@ def test_a_ball_drawn_after_the_tip_is_followed_to_its_launch() -> None:
     assert found, "no such case drawn"
 
 
+@pytest.mark.parametrize(
+    ("theta", "f", "volt", "lean"),
+    [
+        ([568283.3615770173, 4946.8941795014325, 85.85205366466559], 12355.0, 20.0, 5.592183071867481e-05),
+        ([302514.1895014263, 217.4827097612043, 35.91498173458466], 1500.0, 3.64, 2.071903383861296e-04),
+        ([577248.6756654857, 1341.6255584914961, 49.10055513026848], 1500.0, 3.64, 1.9742452404181737e-04),
+    ],
+)
+def test_a_leaning_ball_that_sinks_first_turns_within_the_noise_of_its_speed(
+    theta: list[float], f: float, volt: float, lean: float
+) -> None:
+    """Its speed passes zero, where it starts, by less than rounding shows: a turn all the same."""
+    chosen, own = terms(["start_phase", "preload"]), ([-2.045060921296211], [lean])
+    reference = literal_launch(Point("sine", f, volt), theta, list(zip(chosen, own, strict=True)), RIG)
+    fast = simulate(Design.sweep(RIG, "sine", [f], volt), [*theta, *own[0], *own[1]], chosen, tolerance=1e-6)
+    assert fast.launch_range[0, 0] == pytest.approx(reference.launch_range, rel=1e-6)
+
+
 @pytest.mark.parametrize("phase", [180.0, 200.0])
 def test_a_tip_that_leaves_a_weightless_ball_comes_back_to_launch_it(phase: float) -> None:
     """Its first contact ends in 1e-12 to 1e-8 s by rounding alone: no launch, however often resolved."""
