@@ -518,14 +518,20 @@ def within_bounds(problem: Problem, curvature: FloatArray) -> FloatArray:
     return curvature + np.diag((3.5 / np.ptp(problem.bounds, axis=1)) ** 2)
 
 
+def normal_mass(problem: Problem, curvature: FloatArray) -> float:
+    """Log of the integral of a normal density's shape, no wider than the bounds."""
+    return float(
+        0.5 * (len(curvature) * math.log(2 * math.pi) - np.linalg.slogdet(within_bounds(problem, curvature))[1])
+    )
+
+
 def _laplace(
     problem: Problem, u: FloatArray, log_posterior: float, gradient: FloatArray, curvature: FloatArray
 ) -> float:
     """Log mass of a mode: normal, cut at the bounds coordinate by coordinate."""
     low, high = u - problem.bounds[:, 0], problem.bounds[:, 1] - u
-    curvature = within_bounds(problem, curvature)
-    covariance = np.linalg.inv(curvature)
-    total = log_posterior + 0.5 * (u.size * math.log(2 * math.pi) - np.linalg.slogdet(curvature)[1])
+    covariance = np.linalg.inv(within_bounds(problem, curvature))
+    total = log_posterior + normal_mass(problem, curvature)
     for i in range(u.size):
         c = 1.0 / max(covariance[i, i], 1e-300)
         # At a bound the slope is not zero: exp(-g x - c x^2 / 2) over the half line, over the whole normal's mass.

@@ -24,7 +24,7 @@ from scipy.special import logsumexp, softmax
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import store
-from psafit.inference.candidate import Candidate, candidate_at, separate_modes
+from psafit.inference.candidate import Candidate, candidate_at, normal_mass, separate_modes
 from psafit.inference.mixture import StudentMixture, moments, positive, tempered, widening
 from psafit.inference.optimiser import log_posteriors
 from psafit.inference.problem import Problem
@@ -281,6 +281,7 @@ def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0,
             predicted=found[middle],
             slope=slope,
             curvature=np.concatenate([apart[None], candidate.curvature]),
+            mass=np.append(log_posterior[middle] + normal_mass(problem, apart), candidate.mass),
             starts=np.append(0, candidate.starts),
         )
     return candidate
@@ -441,9 +442,13 @@ def drawn_inside(
 
 
 def laplace_mixture(candidate: Candidate) -> StudentMixture:
-    """Student densities at the modes with the expected curvature."""
+    """Student densities at the modes with the expected curvature, each with what it holds of the posterior.
+
+    A high and narrow mode may hold less than one that is several nats lower. Laplace's approximation may be off by
+    nats: no mode gets less than 2 % of the greatest.
+    """
     width, wider = candidate.problem.widths, widening(candidate.problem.n_dim)
-    share = np.maximum(np.exp(candidate.log_posteriors - candidate.log_posteriors[0]), 0.02).tolist()
+    share = np.maximum(np.exp(candidate.mass - candidate.mass.max()), 0.02).tolist()
     covariance = [positive(own, width) * wider for own in candidate.covariance]
     return StudentMixture.of(list(zip(candidate.modes, covariance, share, strict=True)))
 
