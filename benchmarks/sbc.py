@@ -8,9 +8,10 @@ the truth among the weighted draws are uniform:
 - the log likelihood and the log posterior, which see a mode that is missing (Modrak et al., arXiv:2211.02383);
 - the mode on which the truth lies, where the draws have several.
 
-A short chain begins at the truth, an exact draw of the posterior. A mode that the chain visits and the draws do not
-hold is listed. Nothing is selected: what cannot be simulated is drawn again, and counted, and so is what cannot be
-sampled.
+From the truth, an exact draw of the posterior, an optimisation leads to its mode. What draws that know this mode add
+to the evidence is what the others lacked. A short chain begins at the truth, too: where it stays away from the draws,
+that is listed, though a chain from a truth in a far tail does so, too. Nothing is selected: what cannot be simulated is
+drawn again, and counted, and so is what cannot be sampled.
 
 Results are kept in fits/sbc, one file a data set, for this state of the sources: a run that was broken off goes on.
 They do not depend on the number of workers. Draws docs/figures/sbc.png, prints a p-value (Kolmogorov and Smirnov) and
@@ -55,8 +56,16 @@ from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
 from psafit.files import digest, locked, sha256
 from psafit.inference import noise
-from psafit.inference.candidate import Candidate, built_up, separate_modes, within_bounds
-from psafit.inference.evidence import ImportanceSample, quantiles
+from psafit.inference.candidate import (
+    Candidate,
+    built_up,
+    candidate_at,
+    principal,
+    separate_modes,
+    united,
+    within_bounds,
+)
+from psafit.inference.evidence import ImportanceSample, importance_sample, quantiles
 from psafit.inference.memory import Memory, code
 from psafit.inference.mixture import StudentMixture
 from psafit.inference.optimiser import expansion, maximise, slopes
@@ -133,6 +142,9 @@ class Result:
         Largest difference of the two medians of a parameter, in standard deviations of the draws.
     rise : float, nats
         Top of an optimisation from the truth above the top that was found.
+    lacks, lacks_error : float, nats
+        What the log evidence gains where that top is one of the modes that draws begin from, and the standard error of
+        the difference.
     effective, pareto_k : float
         Of the draws.
     cpu_s : float
@@ -148,6 +160,8 @@ class Result:
     level: float = math.nan
     differs: float = math.nan
     rise: float = math.nan
+    lacks: float = math.nan
+    lacks_error: float = math.nan
     effective: float = math.nan
     pareto_k: float = math.nan
     cpu_s: float = math.nan
@@ -304,6 +318,12 @@ def compared(chain: FloatArray, draws: ImportanceSample) -> tuple[float, float]:
     return away, float(np.max(np.abs(np.median(chain, axis=0) - median) / width))
 
 
+def lacking(found: Candidate, draws: ImportanceSample, own: Candidate, seed: int) -> tuple[float, float]:
+    """`Result.lacks` and its error, by the mode `own` of the truth."""
+    both = importance_sample(principal(united(found, own)), seed=seed)
+    return both.log_evidence - draws.log_evidence, math.hypot(both.standard_error, draws.standard_error)
+
+
 def solve(plan: Plan, number: int) -> Result:
     """Make one data set, sample its model, and rank the truth."""
     problem, u, redrawn = truth(plan, number)
@@ -314,6 +334,8 @@ def solve(plan: Plan, number: int) -> Result:
     except PsafitError as error:
         return replace(result, failed=str(error))
     seconds = time.process_time() - begun
+    own = candidate_at(problem, maximise(problem, u[None]).u)
+    lacks, error = lacking(found, draws, own, number)
     chain = chain_from(problem, u, plan.walkers, plan.chain, number)
     away, differs = compared(chain, draws)
     level = problem.log_posterior(chain).mean() - draws.weights @ problem.log_posterior(draws.draws)
@@ -323,7 +345,9 @@ def solve(plan: Plan, number: int) -> Result:
         away=away,
         level=float(level),
         differs=differs,
-        rise=float(maximise(problem, u[None]).log_posterior[0]) - max(draws.log_posterior, found.log_posterior),
+        rise=own.log_posterior - max(draws.log_posterior, found.log_posterior),
+        lacks=lacks,
+        lacks_error=error,
         effective=draws.effective,
         pareto_k=draws.pareto_k,
         cpu_s=round(seconds, 2),
@@ -415,21 +439,37 @@ def parameters_of(result: Result) -> list[float]:
     return [rank for name, rank in result.ranks.items() if name not in OF_ALL]
 
 
-def lost(found: Sequence[Result], share: float = 0.5) -> list[Result]:
-    """Data sets whose draws lack the mode of the truth."""
+def lost(found: Sequence[Result], share: float = 0.1, errors: float = 2.0) -> list[Result]:
+    """Data sets whose draws lack more than a share of the posterior, by so many standard errors."""
+    least = -math.log1p(-share)
+    return [r for r in found if r.lacks > max(least, errors * r.lacks_error)]
+
+
+def unsure(found: Sequence[Result], error: float = 0.5) -> list[Result]:
+    """Data sets of which it cannot be said, for the evidence is not known better."""
+    return [r for r in found if r.lacks_error > error]
+
+
+def apart(found: Sequence[Result], share: float = 0.5) -> list[Result]:
+    """Data sets of which most of a chain from the truth stays where there are no draws."""
     return [r for r in found if r.away > share]
 
 
 def beyond(found: Sequence[Result], share: float = 1e-3) -> list[tuple[Result, list[str]]]:
     """Data sets with a truth in the outermost parts of its draws: tails that end too early, or a mode that is missing.
 
-    Of sound ranks one in 500 lies there.
+    Of sound ranks one in 500 lies there, and more where the draws are few: see `expected_beyond`.
     """
     outer = {
         r.number: [name for name, rank in r.ranks.items() if name not in OF_ALL and abs(rank - 0.5) > 0.5 - share]
         for r in found
     }
     return [(r, outer[r.number]) for r in found if outer[r.number]]
+
+
+def expected_beyond(found: Sequence[Result], share: float = 1e-3) -> float:
+    """Truths that `beyond` has of exact draws, as many as are effective: n of them have none below one in n + 1."""
+    return float(sum(len(parameters_of(r)) * 2 * max(share, 1 / (r.effective + 1)) for r in found))
 
 
 def summary(found: Sequence[Result]) -> tuple[str, float]:
@@ -460,13 +500,26 @@ def summary(found: Sequence[Result]) -> tuple[str, float]:
     lines += [f"  {r.number} {','.join(r.causes) or '-'}: {r.rise:.1f} nats" for r in higher]
     tails = beyond(sampled)
     n, some = sum(len(names) for _, names in tails), sum(map(len, every))
-    lines.append(f"truths in the outermost thousandths of their draws: {n} of {some}, {some / 500:.1f} expected")
+    lines.append(
+        f"truths in the outermost thousandths of their draws: {n} of {some}, "
+        f"{expected_beyond(sampled):.1f} expected of as many exact draws"
+    )
     lines += [f"  {r.number} {','.join(r.causes) or '-'}: {', '.join(names)}" for r, names in tails]
-    lines.append(f"the draws lack the mode of the truth: {len(lost(sampled))}")
+    lines.append(f"the draws lack more than a tenth of the posterior: {len(lost(sampled))}")
     lines += [
-        f"  {r.number} {','.join(r.causes) or '-'}: {r.away:.0%} of the chain away, level {r.level:+.1f} nats, "
-        f"{r.differs:.1f} standard deviations apart"
+        f"  {r.number} {','.join(r.causes) or '-'}: {-math.expm1(-r.lacks):.0%}, "
+        f"{r.lacks:.2f} +- {r.lacks_error:.2f} nats of evidence"
         for r in lost(sampled)
+    ]
+    lines.append(f"what they lack is not known to half a nat: {len(unsure(sampled))}")
+    lines += [
+        f"  {r.number} {','.join(r.causes) or '-'}: {r.lacks:.2f} +- {r.lacks_error:.2f} nats" for r in unsure(sampled)
+    ]
+    lines.append(f"most of a chain from the truth stays where there are no draws: {len(apart(sampled))}")
+    lines += [
+        f"  {r.number} {','.join(r.causes) or '-'}: {r.away:.0%} of the chain, level {r.level:+.1f} nats, "
+        f"{r.differs:.1f} standard deviations apart"
+        for r in apart(sampled)
     ]
     return "\n".join(lines), worst
 

@@ -12,13 +12,18 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import norm
+from truths import rig_with_two_modes
 
 from psafit.errors import ConvergenceError
-from psafit.inference.evidence import ImportanceSample
+from psafit.inference.candidate import FitSettings, candidate_at, fit, separate_modes
+from psafit.inference.evidence import ImportanceSample, importance_sample
 from psafit.records import read_json
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 sbc = import_module("sbc")
+
+
+SOUND = {"lacks": 0.02, "lacks_error": 0.1, "effective": 1e6}
 
 
 def calibrated(n: int = 300, narrower: float = 1.0, sets: int = 2) -> list[Any]:
@@ -27,7 +32,9 @@ def calibrated(n: int = 300, narrower: float = 1.0, sets: int = 2) -> list[Any]:
     z = np.random.default_rng(4).standard_normal((n, len(names)))
     found = norm.cdf(narrower * z)
     return [
-        sbc.Result(k, ["gap"] * (k % sets), ranks=dict(zip(names, row.tolist(), strict=True)), away=0.02, rise=0.0)
+        sbc.Result(
+            k, ["gap"] * (k % sets), ranks=dict(zip(names, row.tolist(), strict=True)), away=0.02, rise=0.0, **SOUND
+        )
         for k, row in enumerate(found)
     ]
 
@@ -40,7 +47,7 @@ def drawn(u: np.ndarray) -> ImportanceSample:
 def test_sound_posteriors_pass() -> None:
     text, worst = sbc.summary(calibrated())
     assert worst > 0.05
-    assert "lack the mode of the truth: 0" in text
+    assert "lack more than a tenth of the posterior: 0" in text
     held = sbc.coverage([sbc.parameters_of(r) for r in calibrated()], 0.9)
     assert abs(held.share - 0.9) < 3 * held.error
 
@@ -75,15 +82,32 @@ def test_a_mode_that_the_draws_lack_is_seen() -> None:
     assert differs > 5
     found = calibrated(3)
     found[1] = replace(found[1], away=away, level=2.0, differs=differs)
+    found[2] = replace(found[2], lacks_error=2.0)
+    text = sbc.summary(found)[0]
+    assert "where there are no draws: 1\n  1 gap: 100% of the chain, level +2.0 nats" in text
+    assert "not known to half a nat: 1\n  2 -: 0.02 +- 2.00 nats" in text
+
+
+@pytest.mark.slow
+def test_what_the_draws_lack_is_measured_by_the_mode_of_the_truth() -> None:
+    """Two modes, of which the draws know the higher one, that holds a tenth of the posterior."""
+    rig, _ = rig_with_two_modes(1)
+    plain = fit(rig, (), seed=1, draws=4096, most=48, settings=FitSettings(readings=rig.observed.size))
+    first, other = (candidate_at(rig, plain.modes[[k]]) for k in separate_modes(plain)[:2])
+    alone, theirs = (importance_sample(one, seed=2) for one in (first, other))
+    lacks, error = sbc.lacking(first, alone, other, 3)
+    assert lacks == pytest.approx(np.logaddexp(alone.log_evidence, theirs.log_evidence) - alone.log_evidence, abs=0.3)
+    found = calibrated(3)
+    found[1] = replace(found[1], lacks=lacks, lacks_error=error)
     assert sbc.lost(found) == [found[1]]
-    assert "lack the mode of the truth: 1\n  1 gap: 100% of the chain away, level +2.0 nats" in sbc.summary(found)[0]
+    assert f"a tenth of the posterior: 1\n  1 gap: {1 - np.exp(-lacks):.0%}, {lacks:.2f} +- " in sbc.summary(found)[0]
 
 
 def test_tails_that_end_too_early_are_seen() -> None:
     found = calibrated(50)
     found[7] = replace(found[7], ranks=found[7].ranks | {"c_c": 1e-12})
     text = sbc.summary(found)[0]
-    assert "outermost thousandths of their draws: 1 of 300, 0.6 expected\n  7 gap: c_c" in text
+    assert "outermost thousandths of their draws: 1 of 300, 0.6 expected of as many exact draws\n  7 gap: c_c" in text
 
 
 def test_a_dropped_mode_spoils_the_ranks() -> None:
