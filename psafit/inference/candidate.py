@@ -18,6 +18,7 @@ from psafit.inference.optimiser import Effort, Optima, expansion, log_posteriors
 from psafit.inference.problem import Problem
 from psafit.inference.scan import widened
 from psafit.inference.starts import joined_values, starts_of
+from psafit.physics import baseline
 from psafit.physics.term import Term
 
 Schedule = tuple[tuple[int, int], ...]
@@ -438,9 +439,11 @@ def candidate_of(
     slope = slopes(problem, u, predicted)
     observed = np.broadcast_to(problem.observed, predicted.shape)
     gradient, curvature = expansion(problem, u, predicted, slope, observed)
-    mass = [_laplace(problem, u[k], float(end.log_posterior[m]), gradient[k], curvature[k]) for k, m in enumerate(rows)]
+    top = end.log_posterior[rows]
+    flat = _along_plateaus(problem, u, top, slope)
+    mass = [_laplace(problem, u[k], float(top[k]), gradient[k], curvature[k], flat[k]) for k in range(len(rows))]
     return Candidate(
-        problem, u, end.log_posterior[rows], predicted[0], slope[0], curvature, np.array(mass),
+        problem, u, top, predicted[0], slope[0], curvature, np.array(mass),
         np.array(list(modes.values()), np.intp), end.effort,
     )  # fmt: skip
 
@@ -525,15 +528,47 @@ def normal_mass(problem: Problem, curvature: FloatArray) -> float:
     )
 
 
+def places_along(problem: Problem, u: FloatArray, k: int, *, halvings: int = 12) -> FloatArray:
+    """Coordinate `k` of a place, and what lies to either side of it by halves of the bounds' width; ascending."""
+    apart = np.ptp(problem.bounds[k]) * 0.5 ** np.arange(1, halvings + 1)
+    return np.clip(np.concatenate([u[k] - apart, u[k : k + 1], (u[k] + apart)[::-1]]), *problem.bounds[k])
+
+
+def _along_plateaus(problem: Problem, u: FloatArray, log_posterior: FloatArray, slope: FloatArray) -> FloatArray:
+    """Log integral of the posterior along each coordinate, over its density at the mode; (n_modes, n_dim).
+
+    Of parameters of causes without a slope at the mode, of which the curvature has the prior's width alone; nan of
+    others. What acts by thresholds may be determined a thousand times better, or not at all.
+    """
+    found = np.full(u.shape, np.nan)
+    for k in range(len(baseline.PARAMETERS), problem.n_physical):
+        flat = np.flatnonzero(~slope[:, k].any(axis=1))
+        if flat.size:
+            place = np.array([places_along(problem, u[m], k) for m in flat])
+            rows = np.repeat(u[flat], place.shape[1], axis=0)
+            rows[:, k] = place.ravel()
+            value = problem.log_posterior(rows).reshape(place.shape) - log_posterior[flat, None]
+            found[flat, k] = logsumexp(value, b=np.gradient(place, axis=1), axis=1)
+    return found
+
+
 def _laplace(
-    problem: Problem, u: FloatArray, log_posterior: float, gradient: FloatArray, curvature: FloatArray
+    problem: Problem,
+    u: FloatArray,
+    log_posterior: float,
+    gradient: FloatArray,
+    curvature: FloatArray,
+    flat: FloatArray,
 ) -> float:
-    """Log mass of a mode: normal, cut at the bounds coordinate by coordinate."""
+    """Log mass of a mode: normal, cut at the bounds coordinate by coordinate; `flat` is as `_along_plateaus` has it."""
     low, high = u - problem.bounds[:, 0], problem.bounds[:, 1] - u
     covariance = np.linalg.inv(within_bounds(problem, curvature))
     total = log_posterior + normal_mass(problem, curvature)
     for i in range(u.size):
         c = 1.0 / max(covariance[i, i], 1e-300)
+        if math.isfinite(flat[i]):  # no other parameter goes along with it
+            total += float(flat[i]) - 0.5 * math.log(2 * math.pi / c)
+            continue
         # At a bound the slope is not zero: exp(-g x - c x^2 / 2) over the half line, over the whole normal's mass.
         near, g = (low[i], -gradient[i]) if low[i] < high[i] else (high[i], gradient[i])
         if near < 1e-6:

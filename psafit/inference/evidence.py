@@ -24,7 +24,7 @@ from scipy.special import logsumexp, softmax
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import store
-from psafit.inference.candidate import Candidate, candidate_at, normal_mass, separate_modes
+from psafit.inference.candidate import Candidate, candidate_at, normal_mass, places_along, separate_modes
 from psafit.inference.mixture import StudentMixture, moments, positive, tempered, widening
 from psafit.inference.optimiser import log_posteriors
 from psafit.inference.problem import Problem
@@ -238,16 +238,16 @@ def separated(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArr
 
 
 def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0, away: float = 4.0) -> Candidate:
-    """Move the best mode to the middle of where a parameter may lie, if that is wider than its curvature says.
+    """Move the best mode to the middle of where a parameter may lie, if its curvature does not say how wide that is.
 
     What acts by thresholds changes nothing between two of them. An optimisation ends anywhere there, often at an edge,
-    and draws around that place shrink to the few that are right.
+    and draws around that place shrink to the few that are right. Thresholds lie close, or far apart.
 
     Parameters
     ----------
     candidate : Candidate
     places : int
-        At which each parameter of a cause is looked at over its prior.
+        At which each parameter of a cause is looked at over its prior, besides those of `places_along` the mode.
     company : float, nats
         Below the mode, within which it has company there.
     away : float
@@ -256,8 +256,9 @@ def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0,
     problem = candidate.problem
     for k in range(len(baseline.PARAMETERS), problem.n_physical):
         mode, curvature = candidate.modes[0], candidate.curvature[0]
-        place = problem.parameters[k].prior_quantile((np.arange(places) + 0.5) / places)
-        rows = np.repeat(mode[None], places, axis=0)
+        evenly = problem.parameters[k].prior_quantile((np.arange(places) + 0.5) / places)
+        place = np.unique([*evenly, *places_along(problem, mode, k)])
+        rows = np.repeat(mode[None], place.size, axis=0)
         rows[:, k] = place
         found = problem.predict(rows)
         log_posterior = log_posteriors(problem, rows, found, problem.observed)
