@@ -20,10 +20,13 @@ from psafit.inference.candidate import (
     built_up,
     candidate_at,
     fit,
+    optimised,
     separate_modes,
 )
+from psafit.inference.evidence import importance_sample
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
+from psafit.inference.starts import joined_values
 from psafit.physics import terms
 
 
@@ -41,6 +44,17 @@ def test_what_acts_by_steps_is_found_a_step_away():
     stuck = maximise(whole, away)
     assert stuck.u[0, whole.names.index("repeat_cycles")] == 1.3 and stuck.log_posterior[0] < best.log_posterior[0] - 10
     assert across_steps(whole, stuck, FitSettings()).log_posterior.max() > best.log_posterior[0] - 1
+
+
+@pytest.mark.parametrize("cycles", [1.6, 2.3])
+def test_the_evidence_of_a_plateau_has_its_own_width(cycles):
+    """Readings leave the length of the drive a third of its prior's width, or a thousandth of it, 2 and 7 nats."""
+    data = experiment(["repeat_impacts"], [cycles], relative=0.01)
+    whole = replace(problem(data), terms=terms(["repeat_impacts"]))
+    truth = dict(zip(("k_c", "c_s", "c_c", "repeat_cycles", "sigma_rel"), (*TRUTH, cycles, 0.01), strict=True))
+    found = optimised(whole, joined_values(whole, truth)[None])
+    assert not found.slope[whole.names.index("repeat_cycles")].any()
+    assert found.laplace_of_one == pytest.approx(importance_sample(found, seed=1).log_evidence, abs=0.7)
 
 
 @pytest.mark.slow
