@@ -275,7 +275,7 @@ def fit(
         tried = maximise(trial, starts, schedule=s.thorough, unite=True)
         end = maximise(problem, tried.u, still_below=s.enough, unite=True, counts=tried.starts)
         effort = tried.effort + Effort(n_sets=n_drawn + end.effort.n_sets)
-        return candidate_of(problem, replace(end, effort=effort), forgotten=s.forgotten)
+        return candidate_of(problem, across_steps(problem, replace(end, effort=effort), s), forgotten=s.forgotten)
     rows: list[FloatArray] = []
     for c in nested:
         new = [t for t in problem.terms if t.id not in c.ids]
@@ -376,7 +376,7 @@ def optimised(problem: Problem, starts: FloatArray) -> Candidate:
 
 def across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
     """Go on where a parameter has no slope: what acts by thresholds may be better a step away."""
-    for _ in range(s.crossings):
+    for _ in range(s.crossings if np.isfinite(end.log_posterior).any() else 0):
         here, log_posterior = end.predicted[end.best], float(end.log_posterior[end.best])
         rows = _steps_away(problem, end.u[end.best], here)
         found = problem.predict(rows)
