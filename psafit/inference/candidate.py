@@ -441,6 +441,8 @@ def candidate_of(
     gradient, curvature = expansion(problem, u, predicted, slope, observed)
     top = end.log_posterior[rows]
     flat = _along_plateaus(problem, u, top, slope)
+    of, along = np.nonzero(np.isfinite(flat))
+    curvature[of, along, along] = 2 * math.pi * np.exp(-2 * flat[of, along])  # a normal density has that integral
     mass = [_laplace(problem, u[k], float(top[k]), gradient[k], curvature[k], flat[k]) for k in range(len(rows))]
     return Candidate(
         problem, u, top, predicted[0], slope[0], curvature, np.array(mass),
