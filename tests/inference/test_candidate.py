@@ -53,7 +53,12 @@ def test_the_evidence_of_a_plateau_has_its_own_width(cycles):
     whole = replace(problem(data), terms=terms(["repeat_impacts"]))
     truth = dict(zip(("k_c", "c_s", "c_c", "repeat_cycles", "sigma_rel"), (*TRUTH, cycles, 0.01), strict=True))
     found = optimised(whole, joined_values(whole, truth)[None])
-    assert not found.slope[whole.names.index("repeat_cycles")].any()
+    k = whole.names.index("repeat_cycles")
+    assert not found.slope[k].any()
+    line = np.repeat(found.modes[:1], 2001, axis=0)
+    line[:, k] += np.linspace(-0.5, 0.5, len(line))
+    width = np.exp(whole.log_posterior(line) - found.log_posterior).mean()
+    assert math.sqrt(2 * math.pi * found.covariance[0, k, k]) == pytest.approx(width, rel=0.5)
     assert found.laplace_of_one == pytest.approx(importance_sample(found, seed=1).log_evidence, abs=0.7)
 
 
