@@ -144,7 +144,8 @@ class Result:
         Top of an optimisation from the truth above the top that was found.
     lacks, lacks_error : float, nats
         What the log evidence gains where that top is one of the modes that draws begin from, and the standard error of
-        the difference.
+        the difference, by the numbers of effective draws. (That of a sample also has what its looks may have missed:
+        here it is measured.)
     effective, pareto_k : float
         Of the draws.
     cpu_s : float
@@ -321,7 +322,7 @@ def compared(chain: FloatArray, draws: ImportanceSample) -> tuple[float, float]:
 def lacking(found: Candidate, draws: ImportanceSample, own: Candidate, seed: int) -> tuple[float, float]:
     """`Result.lacks` and its error, by the mode `own` of the truth."""
     both = importance_sample(principal(united(found, own)), seed=seed)
-    return both.log_evidence - draws.log_evidence, math.hypot(both.standard_error, draws.standard_error)
+    return both.log_evidence - draws.log_evidence, math.sqrt(1 / both.effective + 1 / draws.effective)
 
 
 def solve(plan: Plan, number: int) -> Result:
@@ -445,7 +446,7 @@ def lost(found: Sequence[Result], share: float = 0.1, errors: float = 2.0) -> li
     return [r for r in found if r.lacks > max(least, errors * r.lacks_error)]
 
 
-def unsure(found: Sequence[Result], error: float = 0.5) -> list[Result]:
+def unsure(found: Sequence[Result], error: float = 0.2) -> list[Result]:
     """Data sets of which it cannot be said, for the evidence is not known better."""
     return [r for r in found if r.lacks_error > error]
 
@@ -511,7 +512,7 @@ def summary(found: Sequence[Result]) -> tuple[str, float]:
         f"{r.lacks:.2f} +- {r.lacks_error:.2f} nats of evidence"
         for r in lost(sampled)
     ]
-    lines.append(f"what they lack is not known to half a nat: {len(unsure(sampled))}")
+    lines.append(f"what they lack is not known to a fifth of a nat: {len(unsure(sampled))}")
     lines += [
         f"  {r.number} {','.join(r.causes) or '-'}: {r.lacks:.2f} +- {r.lacks_error:.2f} nats" for r in unsure(sampled)
     ]

@@ -85,7 +85,7 @@ def test_a_mode_that_the_draws_lack_is_seen() -> None:
     found[2] = replace(found[2], lacks_error=2.0)
     text = sbc.summary(found)[0]
     assert "where there are no draws: 1\n  1 gap: 100% of the chain, level +2.0 nats" in text
-    assert "not known to half a nat: 1\n  2 -: 0.02 +- 2.00 nats" in text
+    assert "not known to a fifth of a nat: 1\n  2 -: 0.02 +- 2.00 nats" in text
 
 
 @pytest.mark.slow
