@@ -8,10 +8,10 @@ the truth among the weighted draws are uniform:
 - the log likelihood and the log posterior, which see a mode that is missing (Modrak et al., arXiv:2211.02383);
 - the mode on which the truth lies, where the draws have several.
 
-From the truth, an exact draw of the posterior, an optimisation leads to its mode. What draws that know this mode add
-to the evidence is what the others lacked. A short chain begins at the truth, too: where it stays away from the draws,
-that is listed, though a chain from a truth in a far tail does so, too. Nothing is selected: what cannot be simulated is
-drawn again, and counted, and so is what cannot be sampled.
+From the truth, an exact draw of the posterior, an optimisation leads to its mode. Draws are made again with this mode:
+what the log evidence gains is what the first draws lacked. A short chain begins at the truth, too. Where most of it
+stays away from the draws, it is listed; a chain from a truth in a far tail does so, too. Nothing is selected: what
+cannot be simulated is drawn again, and counted, and so is what cannot be sampled.
 
 Results are kept in fits/sbc, one file a data set, for this state of the sources: a run that was broken off goes on.
 They do not depend on the number of workers. Draws docs/figures/sbc.png, prints a p-value (Kolmogorov and Smirnov) and
@@ -320,7 +320,9 @@ def compared(chain: FloatArray, draws: ImportanceSample) -> tuple[float, float]:
 
 
 def lacking(found: Candidate, draws: ImportanceSample, own: Candidate, seed: int) -> tuple[float, float]:
-    """`Result.lacks` and its error, by the mode `own` of the truth."""
+    """`Result.lacks` and its error, by the mode `own` of the truth; nan of draws that give no evidence."""
+    if math.isnan(draws.log_evidence):
+        return math.nan, math.nan
     both = importance_sample(principal(united(found, own)), seed=seed)
     return both.log_evidence - draws.log_evidence, math.sqrt(1 / both.effective + 1 / draws.effective)
 
@@ -332,11 +334,11 @@ def solve(plan: Plan, number: int) -> Result:
     begun = time.process_time()
     try:
         found, draws = diagnosed(problem, number) if plan.sampler == "evidence" else fitted(problem, number, plan.steps)
+        seconds = time.process_time() - begun
+        own = candidate_at(problem, maximise(problem, u[None]).u)
+        lacks, lacks_error = lacking(found, draws, own, number)
     except PsafitError as error:
         return replace(result, failed=str(error))
-    seconds = time.process_time() - begun
-    own = candidate_at(problem, maximise(problem, u[None]).u)
-    lacks, error = lacking(found, draws, own, number)
     chain = chain_from(problem, u, plan.walkers, plan.chain, number)
     away, differs = compared(chain, draws)
     level = problem.log_posterior(chain).mean() - draws.weights @ problem.log_posterior(draws.draws)
@@ -348,7 +350,7 @@ def solve(plan: Plan, number: int) -> Result:
         differs=differs,
         rise=own.log_posterior - max(draws.log_posterior, found.log_posterior),
         lacks=lacks,
-        lacks_error=error,
+        lacks_error=lacks_error,
         effective=draws.effective,
         pareto_k=draws.pareto_k,
         cpu_s=round(seconds, 2),
@@ -447,11 +449,11 @@ def lost(found: Sequence[Result], share: float = 0.1, errors: float = 2.0) -> li
 
 
 def unsure(found: Sequence[Result], error: float = 0.2) -> list[Result]:
-    """Data sets of which it cannot be said, for the evidence is not known better."""
-    return [r for r in found if r.lacks_error > error]
+    """Data sets whose `lacks` has too large an error to judge, or was not measured."""
+    return [r for r in found if not r.lacks_error <= error]
 
 
-def apart(found: Sequence[Result], share: float = 0.5) -> list[Result]:
+def astray(found: Sequence[Result], share: float = 0.5) -> list[Result]:
     """Data sets of which most of a chain from the truth stays where there are no draws."""
     return [r for r in found if r.away > share]
 
@@ -516,11 +518,11 @@ def summary(found: Sequence[Result]) -> tuple[str, float]:
     lines += [
         f"  {r.number} {','.join(r.causes) or '-'}: {r.lacks:.2f} +- {r.lacks_error:.2f} nats" for r in unsure(sampled)
     ]
-    lines.append(f"most of a chain from the truth stays where there are no draws: {len(apart(sampled))}")
+    lines.append(f"most of a chain from the truth stays where there are no draws: {len(astray(sampled))}")
     lines += [
         f"  {r.number} {','.join(r.causes) or '-'}: {r.away:.0%} of the chain, level {r.level:+.1f} nats, "
         f"{r.differs:.1f} standard deviations apart"
-        for r in apart(sampled)
+        for r in astray(sampled)
     ]
     return "\n".join(lines), worst
 

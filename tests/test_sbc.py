@@ -82,10 +82,13 @@ def test_a_mode_that_the_draws_lack_is_seen() -> None:
     assert differs > 5
     found = calibrated(3)
     found[1] = replace(found[1], away=away, level=2.0, differs=differs)
-    found[2] = replace(found[2], lacks_error=2.0)
+    found[2] = replace(found[2], lacks_error=2.0, lacks=1.0)
+    found[0] = replace(found[0], lacks=1.0)
+    assert sbc.lost(found) == [found[0]]
+    assert sbc.unsure(found) == [found[2]]
     text = sbc.summary(found)[0]
     assert "where there are no draws: 1\n  1 gap: 100% of the chain, level +2.0 nats" in text
-    assert "not known to a fifth of a nat: 1\n  2 -: 0.02 +- 2.00 nats" in text
+    assert "not known to a fifth of a nat: 1\n  2 -: 1.00 +- 2.00 nats" in text
 
 
 @pytest.mark.slow
@@ -107,6 +110,8 @@ def test_tails_that_end_too_early_are_seen() -> None:
     found = calibrated(50)
     found[7] = replace(found[7], ranks=found[7].ranks | {"c_c": 1e-12})
     text = sbc.summary(found)[0]
+    # Of a hundred draws one in 101 has none below it.
+    assert sbc.expected_beyond([replace(found[0], effective=100.0)]) == pytest.approx(6 * 2 / 101)
     assert "outermost thousandths of their draws: 1 of 300, 0.6 expected of as many exact draws\n  7 gap: c_c" in text
 
 

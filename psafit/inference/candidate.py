@@ -89,8 +89,12 @@ class Candidate:
         Their derivatives by the sampling coordinates of the model.
     curvature : (n_modes, n_dim, n_dim) array
         Expected curvature of the log posterior at the modes.
+    log_width : (n_modes, n_dim) array
+        Of parameters of causes without a slope at a mode: logarithm of how wide the plateau around it is, of which the
+        curvature knows nothing. nan of others.
     mass : (n_modes,) array
-        Logarithm of what each mode holds by Laplace's approximation, bounds respected.
+        Logarithm of what each mode holds by Laplace's approximation, bounds respected; along parameters without a slope
+        the posterior itself is integrated.
     starts : (n_modes,) array of int
         Starts of optimisations that ended at each.
     effort : Effort
@@ -103,6 +107,7 @@ class Candidate:
     predicted: FloatArray
     slope: FloatArray
     curvature: FloatArray
+    log_width: FloatArray
     mass: FloatArray
     starts: NDArray[np.intp]
     effort: Effort
@@ -112,8 +117,14 @@ class Candidate:
 
     @property
     def covariance(self) -> FloatArray:
-        """Laplace's approximation of each mode: inverse curvature within the bounds; (n_modes, n_dim, n_dim)."""
-        return np.asarray(np.linalg.inv(within_bounds(self.problem, self.curvature)))
+        """Laplace's approximation of each mode: inverse curvature within the bounds; (n_modes, n_dim, n_dim).
+
+        A parameter without a slope is as wide as a normal density with the plateau's integral.
+        """
+        curvature = self.curvature.copy()
+        of, k = np.nonzero(np.isfinite(self.log_width))
+        curvature[of, k, k] = 2 * math.pi * np.exp(-2 * self.log_width[of, k])
+        return np.asarray(np.linalg.inv(within_bounds(self.problem, curvature)))
 
     @property
     def laplace_of_one(self) -> float:
@@ -376,7 +387,9 @@ def optimised(problem: Problem, starts: FloatArray) -> Candidate:
 
 def across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
     """Go on where a parameter has no slope: what acts by thresholds may be better a step away."""
-    for _ in range(s.crossings if np.isfinite(end.log_posterior).any() else 0):
+    if not np.isfinite(end.log_posterior).any():
+        return end
+    for _ in range(s.crossings):
         here, log_posterior = end.predicted[end.best], float(end.log_posterior[end.best])
         rows = _steps_away(problem, end.u[end.best], here)
         found = problem.predict(rows)
@@ -440,12 +453,10 @@ def candidate_of(
     observed = np.broadcast_to(problem.observed, predicted.shape)
     gradient, curvature = expansion(problem, u, predicted, slope, observed)
     top = end.log_posterior[rows]
-    flat = _along_plateaus(problem, u, top, slope)
-    of, along = np.nonzero(np.isfinite(flat))
-    curvature[of, along, along] = 2 * math.pi * np.exp(-2 * flat[of, along])  # a normal density has that integral
-    mass = [_laplace(problem, u[k], float(top[k]), gradient[k], curvature[k], flat[k]) for k in range(len(rows))]
+    line, width = _along_plateaus(problem, u, top, slope)
+    mass = [_laplace(problem, u[k], float(top[k]), gradient[k], curvature[k], line[k]) for k in range(len(rows))]
     return Candidate(
-        problem, u, top, predicted[0], slope[0], curvature, np.array(mass),
+        problem, u, top, predicted[0], slope[0], curvature, width, np.array(mass),
         np.array(list(modes.values()), np.intp), end.effort,
     )  # fmt: skip
 
@@ -523,35 +534,36 @@ def within_bounds(problem: Problem, curvature: FloatArray) -> FloatArray:
     return curvature + np.diag((3.5 / np.ptp(problem.bounds, axis=1)) ** 2)
 
 
-def normal_mass(problem: Problem, curvature: FloatArray) -> float:
-    """Log of the integral of a normal density's shape, no wider than the bounds."""
-    return float(
-        0.5 * (len(curvature) * math.log(2 * math.pi) - np.linalg.slogdet(within_bounds(problem, curvature))[1])
-    )
-
-
 def places_along(problem: Problem, u: FloatArray, k: int, *, halvings: int = 12) -> FloatArray:
-    """Coordinate `k` of a place, and what lies to either side of it by halves of the bounds' width; ascending."""
-    apart = np.ptp(problem.bounds[k]) * 0.5 ** np.arange(1, halvings + 1)
+    """Coordinate `k` of a place, both bounds, and halves of their width to either side of it; ascending."""
+    apart = np.ptp(problem.bounds[k]) * 0.5 ** np.arange(halvings)
     return np.clip(np.concatenate([u[k] - apart, u[k : k + 1], (u[k] + apart)[::-1]]), *problem.bounds[k])
 
 
-def _along_plateaus(problem: Problem, u: FloatArray, log_posterior: FloatArray, slope: FloatArray) -> FloatArray:
-    """Log integral of the posterior along each coordinate, over its density at the mode; (n_modes, n_dim).
+def _along_plateaus(
+    problem: Problem, u: FloatArray, log_posterior: FloatArray, slope: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Log integral of the posterior, over its density at the mode, along coordinates without a slope; (n_modes, n_dim).
 
-    Of parameters of causes without a slope at the mode, of which the curvature has the prior's width alone; nan of
-    others. What acts by thresholds may be determined a thousand times better, or not at all.
+    Along the whole line, and of the plateau around the mode alone; nan of parameters with a slope. What acts by
+    thresholds may be determined a hundred times better than by its prior, or not at all.
     """
-    found = np.full(u.shape, np.nan)
+    line, width = np.full((2, *u.shape), np.nan)
     for k in range(len(baseline.PARAMETERS), problem.n_physical):
         flat = np.flatnonzero(~slope[:, k].any(axis=1))
         if flat.size:
             place = np.array([places_along(problem, u[m], k) for m in flat])
             rows = np.repeat(u[flat], place.shape[1], axis=0)
             rows[:, k] = place.ravel()
-            value = problem.log_posterior(rows).reshape(place.shape) - log_posterior[flat, None]
-            found[flat, k] = logsumexp(value, b=np.gradient(place, axis=1), axis=1)
-    return found
+            value = log_posteriors(problem, rows, problem.predict(rows), problem.observed).reshape(place.shape)
+            value -= log_posterior[flat, None]
+            apart, middle = np.diff(place, axis=1), place.shape[1] // 2
+            weight = 0.5 * (np.pad(apart, ((0, 0), (1, 0))) + np.pad(apart, ((0, 0), (0, 1))))
+            line[flat, k] = logsumexp(value, b=weight, axis=1)
+            for side in (value[:, middle:], value[:, middle::-1]):
+                side[:] = np.minimum.accumulate(np.minimum(side, 0.0), axis=1)
+            width[flat, k] = logsumexp(value, b=weight, axis=1)
+    return line, width
 
 
 def _laplace(
@@ -560,16 +572,17 @@ def _laplace(
     log_posterior: float,
     gradient: FloatArray,
     curvature: FloatArray,
-    flat: FloatArray,
+    line: FloatArray,
 ) -> float:
-    """Log mass of a mode: normal, cut at the bounds coordinate by coordinate; `flat` is as `_along_plateaus` has it."""
+    """Log mass of a mode: normal, cut at the bounds coordinate by coordinate; `line` is as of `_along_plateaus`."""
     low, high = u - problem.bounds[:, 0], problem.bounds[:, 1] - u
-    covariance = np.linalg.inv(within_bounds(problem, curvature))
-    total = log_posterior + normal_mass(problem, curvature)
+    curvature = within_bounds(problem, curvature)
+    covariance = np.linalg.inv(curvature)
+    total = log_posterior + 0.5 * (u.size * math.log(2 * math.pi) - np.linalg.slogdet(curvature)[1])
     for i in range(u.size):
         c = 1.0 / max(covariance[i, i], 1e-300)
-        if math.isfinite(flat[i]):  # no other parameter goes along with it
-            total += float(flat[i]) - 0.5 * math.log(2 * math.pi / c)
+        if math.isfinite(line[i]):  # integrated already, bounds included
+            total += float(line[i]) - 0.5 * math.log(2 * math.pi / c)
             continue
         # At a bound the slope is not zero: exp(-g x - c x^2 / 2) over the half line, over the whole normal's mass.
         near, g = (low[i], -gradient[i]) if low[i] < high[i] else (high[i], gradient[i])

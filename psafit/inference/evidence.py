@@ -24,7 +24,7 @@ from scipy.special import logsumexp, softmax
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import store
-from psafit.inference.candidate import Candidate, candidate_at, normal_mass, places_along, separate_modes
+from psafit.inference.candidate import Candidate, candidate_at, places_along, separate_modes
 from psafit.inference.mixture import StudentMixture, moments, positive, tempered, widening
 from psafit.inference.optimiser import log_posteriors
 from psafit.inference.problem import Problem
@@ -241,13 +241,13 @@ def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0,
     """Move the best mode to the middle of where a parameter may lie, if its curvature does not say how wide that is.
 
     What acts by thresholds changes nothing between two of them. An optimisation ends anywhere there, often at an edge,
-    and draws around that place shrink to the few that are right. Thresholds lie close, or far apart.
+    and draws around that place shrink to the few that are right.
 
     Parameters
     ----------
     candidate : Candidate
     places : int
-        At which each parameter of a cause is looked at over its prior, besides those of `places_along` the mode.
+        At which each parameter of a cause is looked at over its prior, as well as at those of `places_along` the mode.
     company : float, nats
         Below the mode, within which it has company there.
     away : float
@@ -282,7 +282,10 @@ def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0,
             predicted=found[middle],
             slope=slope,
             curvature=np.concatenate([apart[None], candidate.curvature]),
-            mass=np.append(log_posterior[middle] + normal_mass(problem, apart), candidate.mass),
+            log_width=np.vstack(
+                [np.where(np.arange(len(mode)) == k, np.nan, candidate.log_width[0]), candidate.log_width]
+            ),
+            mass=np.append(candidate.mass[0], candidate.mass),
             starts=np.append(0, candidate.starts),
         )
     return candidate
@@ -443,15 +446,16 @@ def drawn_inside(
 
 
 def laplace_mixture(candidate: Candidate) -> StudentMixture:
-    """Student densities at the modes with the expected curvature, each with what it holds of the posterior.
+    """Student densities at the modes with Laplace's widths, each with what its normal density holds.
 
     A high and narrow mode may hold less than one that is several nats lower. Laplace's approximation may be off by
     nats: no mode gets less than 2 % of the greatest.
     """
     width, wider = candidate.problem.widths, widening(candidate.problem.n_dim)
-    share = np.maximum(np.exp(candidate.mass - candidate.mass.max()), 0.02).tolist()
-    covariance = [positive(own, width) * wider for own in candidate.covariance]
-    return StudentMixture.of(list(zip(candidate.modes, covariance, share, strict=True)))
+    covariance = [positive(own, width) for own in candidate.covariance]
+    log_share = candidate.log_posteriors + 0.5 * np.linalg.slogdet(covariance)[1]
+    share = np.maximum(np.exp(log_share - log_share.max()), 0.02).tolist()
+    return StudentMixture.of(list(zip(candidate.modes, np.array(covariance) * wider, share, strict=True)))
 
 
 def _powers(n: int, n_draws: int, how: EmulatorSettings) -> list[tuple[int, ...]]:

@@ -173,7 +173,7 @@ def _badness(system: System, step: Step, size: FloatArray, rtol: float) -> float
 
 
 def _first_crossing(step: Step, monitors: list[Monitor], fresh: bool) -> tuple[float, Monitor] | None:
-    """Fraction of the step at which the first monitor changes its sign; 0: it starts with the wrong one."""
+    """Fraction of the step at which the first monitor changes its sign; 0: it starts with the wrong one, or none."""
     if not monitors:
         return None
     rows = (_ON_GRID @ step.values).tolist()
@@ -198,8 +198,8 @@ def _first_crossing(step: Step, monitors: list[Monitor], fresh: bool) -> tuple[f
 def _fall(step: Step, monitor: Monitor, g: list[float], sign: int, first: int) -> float | None:
     """First fraction of the step, from grid point `first` on, at which `g`, the monitor with its sign, falls to 0.
 
-    It falls once it leaves its noise; where it then was last above zero is where it fell. A monitor that is not above
-    zero before fell at or before the step's start: 0.
+    Where it first lies below its noise, it fell after the last grid point above zero. 0 if there is none: the caller
+    looks closer, or ends the piece here.
     """
 
     def at(theta: float) -> float:
@@ -290,7 +290,7 @@ def advance(
             theta, monitor = found
             if theta == 0.0:
                 if not fresh:
-                    return tau, y, monitor.name  # it passed zero within its noise
+                    return tau, y, monitor.name  # it passed zero within its noise, or by rounding
                 # Wrong from the first glance on: a piece of no length, unless a closer look shows otherwise.
                 opening = opening or h
                 if h < earliest * opening:
