@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +33,19 @@ def test_a_sample_goes_on_to_what_its_draws_show() -> None:
     better = SearchSettings().better
     assert found.log_posterior > best.log_posterior - better
     assert draws.log_posterior <= found.log_posterior + better and draws.standard_error < 1.0
+
+
+@pytest.mark.slow
+def test_looks_from_the_prior_agree_on_a_narrow_plateau() -> None:
+    """The readings know the length of the drive a thousand times better than the prior; no slope leads there."""
+    sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+    e = import_module("search_sets").get("campaign-0130-modal_mass-repeat_impacts").experiment
+    one = Problem(e, e.ids, terms(["stack_stiffness", "repeat_impacts"]))
+    known, s = fit(replace(one, terms=()), (), seed=1), SearchSettings()
+    looks = [sampling.first(one, [known], seed=1, settings=s)]
+    looks += [sampling.second(one, [known], seed=seed, settings=s) for seed in (1, 2)]
+    found = [look.laplace_apart for look in looks]
+    assert max(found) - min(found) < 1.0  # widths of plateaus are good to a factor of two
 
 
 @pytest.mark.parametrize(("ids", "by_themselves"), [(["gap"], True), (["gap", "preload", "amplifier_lag"], False)])
