@@ -391,14 +391,16 @@ def across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
         return end
     for _ in range(s.crossings):
         here, log_posterior = end.predicted[end.best], float(end.log_posterior[end.best])
-        rows = _steps_away(problem, end.u[end.best], here)
+        rows, width = _steps_away(problem, end.u[end.best], here)
         found = problem.predict(rows)
         value = log_posteriors(problem, rows, found, problem.observed)
-        # One row of each step, the highest first; none of that on which the optimisations have ended.
-        steps = {here.tobytes(): -1}
+        # One row of each step, what holds most first; none of that on which the optimisations have ended.
+        steps: dict[bytes, list[int]] = {}
         for k in np.argsort(-value, kind="stable"):
-            steps.setdefault(found[k].tobytes(), int(k))
-        starts = [k for k in list(steps.values())[1 : 1 + s.taken] if value[k] > log_posterior - s.hopeless]
+            steps.setdefault(found[k].tobytes(), []).append(int(k))
+        steps.pop(here.tobytes(), None)
+        held = sorted(steps.values(), key=lambda step: -value[step[0]] - math.log(width[step].sum()))
+        starts = [step[0] for step in held if value[step[0]] > log_posterior - s.hopeless][: s.taken]
         if not starts:
             break
         moved = maximise(problem, rows[starts], schedule=s.across, still_below=s.enough, unite=True).uncounted
@@ -410,17 +412,24 @@ def across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
     return end
 
 
-def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray:
-    """Each parameter without a slope moved to either side, by halves of its prior's width; (n, n_dim)."""
+def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Each parameter without a slope moved to either side, by halves of its prior's width.
+
+    Returns
+    -------
+    (n, n_dim) and (n,) array
+        Rows, and how far each lies from the next one inwards: widths of what they stand for.
+    """
     halves = 2.0 ** -np.arange(2, 12)
     slope = slopes(problem, u[None], predicted[None])[0]
-    rows = [np.empty((0, u.size))]
+    rows, widths = [np.empty((0, u.size))], [np.empty(0)]
     for k in np.flatnonzero(~slope.any(axis=1)):
         width = np.ptp(problem.parameters[k].prior_quantile(np.array([0.05, 0.95])))
         moved = np.repeat(u[None], 2 * halves.size, axis=0)
         moved[:, k] = np.clip(u[k] + width * np.concatenate([-halves, halves]), *problem.bounds[k])
         rows.append(moved)
-    return np.vstack(rows)
+        widths.append(width * np.tile(halves, 2) / 2)
+    return np.vstack(rows), np.concatenate(widths)
 
 
 def candidate_of(
