@@ -167,6 +167,11 @@ class Result:
     pareto_k: float = math.nan
     cpu_s: float = math.nan
 
+    @property
+    def title(self) -> str:
+        """Number and causes."""
+        return f"{self.number} {','.join(self.causes) or '-'}"
+
 
 @dataclass(frozen=True, eq=False)
 class Signed(Problem):
@@ -496,32 +501,28 @@ def summary(found: Sequence[Result]) -> tuple[str, float]:
         f"fewer than 100 effective draws: {sum(r.effective < 100 for r in sampled)}; "
         f"CPU seconds of one: {np.mean([r.cpu_s for r in sampled] or [math.nan]):.2f}"
     )
-    lines += [f"  {r.number} {','.join(r.causes) or '-'}: {r.failed}" for r in found if r.failed]
+    lines += [f"  {r.title}: {r.failed}" for r in found if r.failed]
     higher = [r for r in sampled if r.rise > SearchSettings().better]
     better = SearchSettings().better
     lines.append(f"an optimisation from the truth ends higher by more than {better} nats: {len(higher)}")
-    lines += [f"  {r.number} {','.join(r.causes) or '-'}: {r.rise:.1f} nats" for r in higher]
+    lines += [f"  {r.title}: {r.rise:.1f} nats" for r in higher]
     tails = beyond(sampled)
     n, some = sum(len(names) for _, names in tails), sum(map(len, every))
     lines.append(
         f"truths in the outermost thousandths of their draws: {n} of {some}, "
         f"{expected_beyond(sampled):.1f} expected of as many exact draws"
     )
-    lines += [f"  {r.number} {','.join(r.causes) or '-'}: {', '.join(names)}" for r, names in tails]
+    lines += [f"  {r.title}: {', '.join(names)}" for r, names in tails]
     lines.append(f"the draws lack more than a tenth of the posterior: {len(lost(sampled))}")
     lines += [
-        f"  {r.number} {','.join(r.causes) or '-'}: {-math.expm1(-r.lacks):.0%}, "
-        f"{r.lacks:.2f} +- {r.lacks_error:.2f} nats of evidence"
+        f"  {r.title}: {-math.expm1(-r.lacks):.0%}, {r.lacks:.2f} +- {r.lacks_error:.2f} nats of evidence"
         for r in lost(sampled)
     ]
     lines.append(f"what they lack is not known to a fifth of a nat: {len(unsure(sampled))}")
-    lines += [
-        f"  {r.number} {','.join(r.causes) or '-'}: {r.lacks:.2f} +- {r.lacks_error:.2f} nats" for r in unsure(sampled)
-    ]
+    lines += [f"  {r.title}: {r.lacks:.2f} +- {r.lacks_error:.2f} nats" for r in unsure(sampled)]
     lines.append(f"most of a chain from the truth stays where there are no draws: {len(astray(sampled))}")
     lines += [
-        f"  {r.number} {','.join(r.causes) or '-'}: {r.away:.0%} of the chain, level {r.level:+.1f} nats, "
-        f"{r.differs:.1f} standard deviations apart"
+        f"  {r.title}: {r.away:.0%} of the chain, level {r.level:+.1f} nats, {r.differs:.1f} standard deviations apart"
         for r in astray(sampled)
     ]
     return "\n".join(lines), worst

@@ -560,18 +560,19 @@ def _along_plateaus(
     line, width = np.full((2, *u.shape), np.nan)
     for k in range(len(baseline.PARAMETERS), problem.n_physical):
         flat = np.flatnonzero(~slope[:, k].any(axis=1))
-        if flat.size:
-            place = np.array([places_along(problem, u[m], k) for m in flat])
-            rows = np.repeat(u[flat], place.shape[1], axis=0)
-            rows[:, k] = place.ravel()
-            value = log_posteriors(problem, rows, problem.predict(rows), problem.observed).reshape(place.shape)
-            value -= log_posterior[flat, None]
-            apart, middle = np.diff(place, axis=1), place.shape[1] // 2
-            weight = 0.5 * (np.pad(apart, ((0, 0), (1, 0))) + np.pad(apart, ((0, 0), (0, 1))))
-            line[flat, k] = logsumexp(value, b=weight, axis=1)
-            for side in (value[:, middle:], value[:, middle::-1]):
-                side[:] = np.minimum.accumulate(np.minimum(side, 0.0), axis=1)
-            width[flat, k] = logsumexp(value, b=weight, axis=1)
+        if not flat.size:
+            continue
+        place = np.array([places_along(problem, u[m], k) for m in flat])
+        rows = np.repeat(u[flat], place.shape[1], axis=0)
+        rows[:, k] = place.ravel()
+        value = log_posteriors(problem, rows, problem.predict(rows), problem.observed).reshape(place.shape)
+        value -= log_posterior[flat, None]
+        apart, middle = np.diff(place, axis=1), place.shape[1] // 2
+        weight = 0.5 * (np.pad(apart, ((0, 0), (1, 0))) + np.pad(apart, ((0, 0), (0, 1))))
+        line[flat, k] = logsumexp(value, b=weight, axis=1)
+        for side in (value[:, middle:], value[:, middle::-1]):
+            side[:] = np.minimum.accumulate(np.minimum(side, 0.0), axis=1)
+        width[flat, k] = logsumexp(value, b=weight, axis=1)
     return line, width
 
 
