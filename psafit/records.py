@@ -329,10 +329,13 @@ class SessionSummary:
     ----------
     cause : str
     group : group id
+        The first that was measured in the session.
     what : str
         "a session's gain", "a session's lean".
     unit : str
     median, lower, upper : float
+    session : int or str, optional
+        Its name, where it has one.
     """
 
     cause: str
@@ -342,6 +345,17 @@ class SessionSummary:
     median: float
     lower: float
     upper: float
+    session: GroupId | None = field(default=None, metadata=ABSENT)
+
+    @property
+    def where(self) -> str:
+        """The session, as people know it."""
+        return occasion(self.group, self.session)
+
+
+def occasion(group: GroupId, session: GroupId | None) -> str:
+    """A session as people know it: by its name, or its only group."""
+    return f"group {group}" if session is None else f"session {session}"
 
 
 @dataclass(frozen=True, repr=False)

@@ -29,7 +29,7 @@ from scipy.special import logsumexp, ndtri
 from scipy.stats import binomtest
 
 from psafit.arrays import FloatArray
-from psafit.experiment import Group, GroupId, Plan, is_one_of
+from psafit.experiment import Group, GroupId, Plan, known_sessions
 from psafit.files import write_atomically
 from psafit.inference import noise
 from psafit.inference.candidate import candidate_at
@@ -268,7 +268,7 @@ def intervals(run: Run, plan: Plan, *, n_draws: int = 1000) -> FloatArray:
     """Ends of the central 90 % predictive interval of each reading of a plan, in its unit; (2, n_points).
 
     They hold what the posterior leaves open, and the scatter of a reading. What sessions have for themselves is drawn
-    from its prior, but for sessions of which the plan holds the very readings that were fitted.
+    from its prior, but for sessions of which the plan holds a group with the very readings that were fitted.
 
     Parameters
     ----------
@@ -279,9 +279,9 @@ def intervals(run: Run, plan: Plan, *, n_draws: int = 1000) -> FloatArray:
     """
     problem, rng = run.problem, np.random.default_rng([run.fit.seed, 5])
     draws, ends = some_draws(run, n_draws), []
-    fitted = [problem.experiment.group(id) for id in problem.group_ids]
+    measured = known_sessions(plan.groups, problem.experiment.select(problem.group_ids))
     for group in plan.groups:
-        session = group.id if is_one_of(group, fitted) else "a session to come"
+        session = group.session_id if str(group.session_id) in measured else "a session to come"
         design = Design.of(plan.constants, [group])
         exact = readings_of(design, problem.theta(draws, [session], rng), problem.terms)
         kinds = np.unique(group.measured).tolist()

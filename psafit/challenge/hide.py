@@ -34,7 +34,7 @@ from psafit.challenge.answer import (
 )
 from psafit.challenge.conditions import ConditionSettings, drawn, nameless, summary
 from psafit.errors import InputError
-from psafit.experiment import Experiment, GroupId, fingerprint, session_name, write_experiment
+from psafit.experiment import Experiment, GroupId, fingerprint, session_name, sessions_of, write_experiment
 from psafit.inference import noise
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Motion, Observable
 from psafit.parameters import Parameter
@@ -223,8 +223,8 @@ def _made(
     rng = np.random.default_rng([seed, _TRUTH])
     scatter = _scatter(rng, design, nu, believed, settings)
     truth, true, redraws = _launching(
-        lambda: draw_challenge(rng, chosen, design, blank.ids, scatter, strength, settings.sample),
-        lambda parameters: simulate_literally(design, parameters, chosen, blank.ids, jobs=jobs),
+        lambda: draw_challenge(rng, chosen, design, sessions_of(blank.groups), scatter, strength, settings.sample),
+        lambda parameters: simulate_literally(design, parameters, chosen, sessions_of(blank.groups), jobs=jobs),
         lambda true: strengths.enough(design, true),
         settings,
     )
@@ -334,7 +334,7 @@ def draw_challenge(
     rng: np.random.Generator,
     chosen: Sequence[Term],
     design: Design,
-    ids: Sequence[GroupId],
+    sessions: Sequence[GroupId],
     scatter: Scatter,
     nats: float | None,
     every: int,
@@ -350,12 +350,12 @@ def draw_challenge(
         sides.append(strengths.side_of(term, rng))
         own = [_from_prior(p, rng) for p in term.parameters[1:]]
         if term.latent:
-            z = term.latent.prior_quantile(rng.uniform(size=len(ids)))
+            z = term.latent.prior_quantile(rng.uniform(size=len(sessions)))
             own += [float(x) for x in term.latent.to_physical(z)]
         others.append(own)
     sample = np.unique(np.linspace(0, design.n_points - 1, max(design.n_points // every, 8)).astype(int))
     some = design.points(sample)
-    if not strengths.enough(some, simulate_literally(design, values, (), ids, points=sample)):
+    if not strengths.enough(some, simulate_literally(design, values, (), sessions, points=sample)):
         return None
     theta = np.array(list(values.values()))
     expected: dict[str, float] = {}
@@ -370,9 +370,9 @@ def draw_challenge(
             reached = reached and found.reached
         share[term.id] = share_of(term, value)
         names = [p.name for p in term.parameters]
-        names += [session_name(term.latent.name, g) for g in ids] if term.latent else []
+        names += [session_name(term.latent.name, s) for s in sessions] if term.latent else []
         values.update(zip(names, [value, *own], strict=True))
-    if chosen and not strengths.enough(some, simulate_literally(design, values, chosen, ids, points=sample)):
+    if chosen and not strengths.enough(some, simulate_literally(design, values, chosen, sessions, points=sample)):
         return None
     return Truth(values, expected, share, reached)
 
@@ -381,7 +381,7 @@ def simulate_literally(
     design: Design,
     parameters: Parameters,
     terms: Sequence[Term],
-    ids: Sequence[GroupId],
+    sessions: Sequence[GroupId],
     *,
     edit: Edit | None = None,
     points: NDArray[np.intp] | None = None,
@@ -398,8 +398,8 @@ def simulate_literally(
         Values as `Answer.parameters` has them.
     terms : sequence of Term
         In the registry's order.
-    ids : sequence of group ids
-        Of the design's sessions.
+    sessions : sequence of int or str
+        Ids of the design's sessions.
     edit : callable, optional
         ``edit(rig, point)``: a last change of the rig of every launch.
     points : (n,) int array, optional
@@ -417,7 +417,7 @@ def simulate_literally(
         Without scatter, each in the unit of its observable; zero where a launch failed.
     """
     chosen = np.arange(design.n_points) if points is None else points
-    rigs = _Rigs(design, dict(parameters), tuple(terms), tuple(ids), edit, rtol)
+    rigs = _Rigs(design, dict(parameters), tuple(terms), tuple(sessions), edit, rtol)
     plain, traced = np.flatnonzero(~design.traced[chosen]), np.flatnonzero(design.traced[chosen])
     read = np.empty(len(chosen))
     if plain.size:
@@ -491,7 +491,7 @@ class _Rigs:
     design: Design
     parameters: Parameters
     terms: tuple[Term, ...]
-    ids: tuple[GroupId, ...]
+    sessions: tuple[GroupId, ...]
     edit: Edit | None
     rtol: float
 
@@ -510,7 +510,7 @@ class _Rigs:
         causes = []
         for term in self.terms:
             own = [values[p.name] for p in term.parameters]
-            own += [values[session_name(term.latent.name, self.ids[d.group[i]])]] if term.latent else []
+            own += [values[session_name(term.latent.name, self.sessions[d.session[i]])]] if term.latent else []
             causes.append((term, own))
         rig = reference_rig(theta, causes, d.rigs[d.rig[i]])
         if self.edit is not None:
@@ -526,14 +526,14 @@ class _Rigs:
         """What is read of the value of an observable, SI units, at a point."""
         rig, point = self.at(i)
         rig.frequency, rig.amplitude = point.frequency, point.amplitude
-        return rig.read(observable, value, int(self.design.group[i]))
+        return rig.read(observable, value, int(self.design.session[i]))
 
     def launched(self, points: NDArray[np.intp], forces: bool) -> FloatArray:
         """Launch range, time and speed of the separation, and peak force, (n, 4)."""
         found = np.empty((len(points), 4))
         for k, i in enumerate(points):
             rig, point = self.at(int(i))
-            seen = launch_in(rig, point, group=int(self.design.group[i]), rtol=self.rtol, forces=forces)
+            seen = launch_in(rig, point, group=int(self.design.session[i]), rtol=self.rtol, forces=forces)
             found[k] = seen.launch_range, seen.separation_time, seen.velocity, seen.peak_force
         return found
 
@@ -553,7 +553,7 @@ def _outside(
     jobs: int,
 ) -> tuple[FloatArray, list[Place]]:
     def simulator(edit: Edit) -> FloatArray:
-        return simulate_literally(design, parameters, (), blank.ids, edit=edit, jobs=jobs)
+        return simulate_literally(design, parameters, (), sessions_of(blank.groups), edit=edit, jobs=jobs)
 
     rng = np.random.default_rng([seed, _OUTSIDE])
     changed, places = effect.apply(blank.with_readings(true), true.copy(), simulator, rng)

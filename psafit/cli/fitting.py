@@ -69,10 +69,11 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
         for group, of in zip(content["groups"], data.groups, strict=True):
             spans = (_span(group["frequency_hz"], "Hz"), _span(group["amplitude_v"], "V"))
             low, high = of.volts
+            own = changes_text(of.changed) + (f", session {of.session}" if of.session is not None else "")
             read = ", ".join(f"{o.title} {_span(group[o.column], o.unit)}" for o in OBSERVABLES if o.column in group)
             click.echo(
                 f"  group {group['id']}: {of.drive.label}, {count(group['n_points'], 'reading')}, "
-                f"{spans[0]}, {spans[1]} ({low:g} to {high:g} V), {read}{changes_text(group['constants'].items())}"
+                f"{spans[0]}, {spans[1]} ({low:g} to {high:g} V), {read}{own}"
             )
         for known in content["priors"]:
             origin = ", from [rig]" if known["derived"] else ""
@@ -227,7 +228,7 @@ def _by_session(sessions: Sequence[SessionSummary]) -> Iterator[tuple[str, list[
     from psafit.diagnose.words import PLAIN
 
     for cause, found in itertools.groupby(sessions, key=lambda s: s.cause):
-        yield cause, [f"group {s.group} {PLAIN.value(s.unit, s.median, (s.lower, s.upper))}" for s in found]
+        yield cause, [f"{s.where} {PLAIN.value(s.unit, s.median, (s.lower, s.upper))}" for s in found]
 
 
 def _say_fit(result: Run, numerics: Numerics) -> None:

@@ -365,10 +365,11 @@ def of_sessions(
 
     A session to come is another one, whatever its id is.
     """
-    from psafit.experiment import is_one_of, session_name
+    from psafit.experiment import known_sessions, session_name, sessions_of
 
-    new = [g for g in plan.groups if not is_one_of(g, measured)]
-    theirs = {session_name(t.latent.name, g.id) for t in terms if t.latent for g in new} & medians.keys()
+    known = known_sessions(plan.groups, measured)
+    new = [s for s in sessions_of(plan.groups) if str(s) not in known]
+    theirs = {session_name(t.latent.name, s) for t in terms if t.latent for s in new} & medians.keys()
     if theirs and not quiet:
         click.echo(
             f"sessions to come, not those of the run: {', '.join(sorted(theirs))} {'drawn' if drawn else '= 0'}",
@@ -407,22 +408,23 @@ def completed(
     """
     import numpy as np
 
-    from psafit.experiment import session_name
+    from psafit.experiment import session_name, sessions_of
     from psafit.experiment.text import did_you_mean, listed
     from psafit.observables import OBSERVABLES
     from psafit.physics import TERMS, informed, owner
 
     plain, chosen = informed(plan.beliefs, chosen)
     wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, p.prior_median) for p in plain}
+    sessions = sessions_of(plan.groups)
     for term in chosen:
         for p in term.parameters:
             wanted[p.name] = (p, None if p is term.strength else p.prior_median)
         if term.latent:
-            own = np.zeros(len(plan.groups))
+            own = np.zeros(len(sessions))
             if seed is not None:
-                shares = np.random.default_rng([seed, 1]).uniform(size=len(plan.groups))
+                shares = np.random.default_rng([seed, 1]).uniform(size=len(sessions))
                 own = term.latent.to_physical(term.latent.prior_quantile(shares))
-            names = [session_name(term.latent.name, g.id) for g in plan.groups]
+            names = [session_name(term.latent.name, s) for s in sessions]
             wanted |= {name: (term.latent, float(z)) for name, z in zip(names, own, strict=True)}
     wanted |= {p.name: (p, p.prior_median) for p in scatter}
     unknown = sorted(asked.keys() - wanted.keys())

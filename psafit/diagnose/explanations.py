@@ -33,7 +33,7 @@ from psafit.simulate import Design, readings
 Kind = Literal["chance", "session", "frequency", "amplitude", "size"]
 
 TO_COME = -1
-"""Group of readings to come."""
+"""Session of readings to come."""
 
 KINDS: dict[Kind, str] = {
     "chance": "is nothing but chance",
@@ -67,7 +67,7 @@ class Conditions:
     predicted: FloatArray  # (n,)
     free: FloatArray  # what the model's parameters do, in units of their priors' widths, (n, n_model)
     along: dict[Kind, FloatArray]  # logarithms of frequency, amplitude and size
-    group: NDArray[np.intp]
+    session: NDArray[np.intp]
 
     @classmethod
     def of(
@@ -75,7 +75,7 @@ class Conditions:
         design: Design,
         predicted: FloatArray,
         free: FloatArray,
-        group: NDArray[np.intp],
+        session: NDArray[np.intp],
         least: tuple[float, float],
     ) -> Conditions:
         """Conditions of a design; amplitudes (V) and readings below the `least` are of one size."""
@@ -84,7 +84,7 @@ class Conditions:
             "amplitude": np.log(np.maximum(design.amplitude, least[0])),
             "size": np.log(np.maximum(np.abs(predicted), least[1])),
         }
-        return cls(predicted, free, along, group)
+        return cls(predicted, free, along, session)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,13 +131,13 @@ def _covariance(kind: Kind, sizes: FloatArray, one: Conditions, other: Condition
     if kind == "chance":
         return free
     a, b, reach = sizes
-    same = one.group[:, None] == other.group
+    same = one.session[:, None] == other.session
     # Along one sweep only one of both varies.
     axes: tuple[Kind, ...] = ("frequency", "amplitude") if kind == "session" else (kind,)
     squared = sum((np.square(one.along[k][:, None] - other.along[k]) for k in axes), np.zeros(same.shape))
     smooth = a**2 * np.exp(-0.5 * squared / reach**2)
     if kind == "session":  # what befell one session does not come back in another
-        smooth = np.where(same & (other.group != TO_COME), smooth, 0.0)
+        smooth = np.where(same & (other.session != TO_COME), smooth, 0.0)
     return free + (smooth + b**2 * same) * np.outer(one.predicted, other.predicted)
 
 
@@ -178,7 +178,7 @@ class Explanations:
         known = np.broadcast_to(around.known, design.n_points)[rows]
         driven = design.amplitude[rows]
         least = float(driven[driven > 0].min(initial=np.inf)), with_it[1]
-        old = Conditions.of(design.points(rows), predicted, around.free[rows], design.group[rows], least)
+        old = Conditions.of(design.points(rows), predicted, around.free[rows], design.session[rows], least)
         kinds: list[Kind] = ["chance", "session", *(k for k, x in old.along.items() if np.ptp(x) > 0)]
         laws = []
         for kind in kinds:

@@ -195,10 +195,10 @@ def _repeated(problem: Problem, e: FloatArray, least: int) -> dict[Key, FloatArr
     found: dict[Key, FloatArray] = {}
     design = problem.design
     repeated = conditions(design)
-    in_sessions = [rows for rows in repeated if np.ptp(design.group[rows])]
+    in_sessions = [rows for rows in repeated if np.ptp(design.session[rows])]
     if in_sessions:
         found["one condition in two sessions", "replicate", None] = np.sqrt(_scattered(e, in_sessions))
-    replicates = [rows[design.group[rows] == k] for rows in repeated for k in np.unique(design.group[rows])]
+    replicates = [rows[design.session[rows] == k] for rows in repeated for k in np.unique(design.session[rows])]
     # What agrees to the last digit is a copy, or an instrument with too few digits.
     replicates = [rows for rows in replicates if rows.size > 1 and np.ptp(problem.observed[rows]) > 0]
     spare = sum(rows.size - 1 for rows in replicates)

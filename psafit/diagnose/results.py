@@ -90,7 +90,8 @@ def sessions_of(model_set: ModelSet, candidate: Candidate) -> list[SessionResult
         low, median, high = (
             sampled.quantiles(values, (0.05, 0.5, 0.95)).tolist() if sampled else (None, values[0], None)
         )
-        found.append(SessionResult(term.id, group, ParameterResult(median, low, high, of.unit, of.title, math.nan)))
+        value = ParameterResult(median, low, high, of.unit, of.title, math.nan)
+        found.append(SessionResult(term.id, group.id, value, group.session))
     return found
 
 

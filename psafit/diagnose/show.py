@@ -165,7 +165,8 @@ class Offset:
 
     Parameters
     ----------
-    first, second : group id
+    first, second : int or str
+        The sessions: groups' ids, or their names.
     n_conditions : int
     factor, lower, upper : float
         Of the second over the first, with its 90 % interval by the fitted scatter.
@@ -187,7 +188,7 @@ def offsets(candidate: Candidate) -> list[Offset]:
 
     (Samples of a trace are no conditions: their errors are correlated.)
     """
-    problem, group = candidate.problem, candidate.problem.design.group
+    problem, session = candidate.problem, candidate.problem.design.session
     y, nu = problem.observed, noise.columns(candidate.noise)[2][0]
     # The scale of Student's law is less than its standard deviation.
     wide = np.sqrt(nu / np.maximum(nu - 2, 1e-12))
@@ -196,7 +197,7 @@ def offsets(candidate: Candidate) -> list[Offset]:
     for rows in conditions(problem.design):
         if problem.design.traced[rows[0]]:
             continue
-        sessions = {k: rows[(group[rows] == k) & (y[rows] > 0)] for k in np.unique(group[rows]).tolist()}
+        sessions = {k: rows[(session[rows] == k) & (y[rows] > 0)] for k in np.unique(session[rows]).tolist()}
         for a, b in itertools.combinations([k for k, own in sessions.items() if own.size], 2):
             logs = [float(np.log(y[sessions[k]]).mean()) for k in (a, b)]
             variance = sum(float(np.sum(relative[sessions[k]] ** 2)) / sessions[k].size ** 2 for k in (a, b))
@@ -208,7 +209,7 @@ def offsets(candidate: Candidate) -> list[Offset]:
         mean, sd = float(np.average(ratio, weights=weight)), float(1 / np.sqrt(weight.sum()))
         factor, low, high = np.exp([mean, mean - 1.645 * sd, mean + 1.645 * sd]).tolist()
         name = recorded_name(OBSERVABLES[of])
-        result.append(Offset(problem.group_ids[a], problem.group_ids[b], len(pairs), factor, low, high, name))
+        result.append(Offset(problem.sessions[a], problem.sessions[b], len(pairs), factor, low, high, name))
     return result
 
 

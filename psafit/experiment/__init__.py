@@ -38,8 +38,10 @@ from psafit.experiment.records import (
     describe,
     fingerprint,
     is_one_of,
+    known_sessions,
     read_as,
     session_name,
+    sessions_of,
 )
 from psafit.experiment.rig import Rig
 from psafit.experiment.table import read_csv, readings_of
@@ -64,10 +66,12 @@ __all__ = [
     "describe",
     "fingerprint",
     "is_one_of",
+    "known_sessions",
     "read_as",
     "read_experiment",
     "read_plan",
     "session_name",
+    "sessions_of",
     "write_experiment",
 ]
 
@@ -227,7 +231,7 @@ def _sweep(declared: DeclaredGroup, *, planned: bool) -> Conditions:
     else:
         held = readings_of(read_csv(declared.path, planned=planned))
     kind = Group if "reading" in held else Conditions
-    return kind(declared.id, declared.drive, declared.file, changed=declared.changed, **held)
+    return kind(declared.id, declared.drive, declared.file, changed=declared.changed, session=declared.session, **held)
 
 
 def _definition(folder: Path) -> Definition:

@@ -121,6 +121,7 @@ class DeclaredGroup:
     path: Path
     changed: tuple[tuple[str, float], ...]
     traced: tuple[float, float] | None = None
+    session: GroupId | None = None
 
 
 class Definition:
@@ -479,11 +480,16 @@ class Definition:
                     )
                 files[real] = group.id
                 declared.append(group)
+        elsewhere = {str(g.id): g for g in declared if g.session is not None and str(g.session) != str(g.id)}
+        for i, table in enumerate(tables):
+            if "session" in table and (other := elsewhere.get(str(table["session"]))):
+                what = f"session {other.id} is the id of a group that was measured in session {other.session}"
+                faults.add(self.error(what, f"write session = {_toml(other.session)}", "group", i, "session"))
         return declared
 
     def _group(self, i: int, table: dict[str, Any]) -> DeclaredGroup:
         faults = Faults()
-        known = (*_GROUP_KEYS, *_DRIVE_KEYS, *_TRACE_KEYS, "constants")
+        known = (*_GROUP_KEYS, *_DRIVE_KEYS, *_TRACE_KEYS, "constants", "session")
         unknown, stands_for = self.unknown_keys(table, known, "group", i)
         for fault in unknown:
             faults.add(fault)
@@ -517,8 +523,13 @@ class Definition:
                     condition.append(self._condition(i, called, name, table[name]))
         with faults.kept():
             changed = self._changed(i, table)
+        session = None
+        with faults.kept():
+            if "session" in table:
+                session = self._id(i, table["session"], "session")
         faults.end()
-        return DeclaredGroup(group_id, drive, file, path, changed, (condition[0], condition[1]) if traced else None)
+        condition_of = (condition[0], condition[1]) if traced else None
+        return DeclaredGroup(group_id, drive, file, path, changed, condition_of, session)
 
     def _condition(self, i: int, called: str, key: str, value: object) -> float:
         """Frequency or amplitude of a trace."""
@@ -528,17 +539,17 @@ class Definition:
             raise self.error(what, f"write {key} = a number, without quotes or unit", "group", i, key)
         return number
 
-    def _id(self, i: int, value: object) -> GroupId:
+    def _id(self, i: int, value: object, key: str = "id") -> GroupId:
         if type(value) is int and 0 <= value <= MAX_ID:
             return value
         if isinstance(value, str) and _ID.fullmatch(value):
             return value
         raise self.error(
-            f"group id {shown(_value_text(value))} cannot be used",
+            f"{'group id' if key == 'id' else key} {shown(_value_text(value))} cannot be used",
             f"use an integer from 0 to {MAX_ID}, or up to 32 letters, digits, _ or - that do not begin with -",
             "group",
             i,
-            "id",
+            key,
         )
 
     def _drive(self, i: int, called: str, table: dict[str, Any]) -> Drive:
@@ -654,6 +665,10 @@ def _number(value: object) -> float | None:
         return float(value)
     except OverflowError:
         return math.inf
+
+
+def _toml(id: GroupId | None) -> str:
+    return str(id) if isinstance(id, int) else f'"{id}"'
 
 
 def _value_text(value: object) -> str:

@@ -94,6 +94,8 @@ class Conditions:
         Row of the file that each reading stands in: those of one launch share it. By default each has its own.
     time_us : (n_points,) array, us, optional
         Of the samples of a trace, from the start of the drive; none where launches as a whole are read.
+    session : int or str, optional
+        The occasion on which it was measured, where others were measured on it, too: a name, or another group's id.
 
     Raises
     ------
@@ -111,6 +113,7 @@ class Conditions:
     measured: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, np.int8), kw_only=True)
     row: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp), kw_only=True)
     time_us: FloatArray | None = field(default=None, kw_only=True)
+    session: GroupId | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "drive", Drive.of(self.drive))
@@ -188,6 +191,11 @@ class Conditions:
         return (self,) if kinds.size == 1 else tuple(self.at(self.measured == k) for k in kinds)
 
     @property
+    def session_id(self) -> GroupId:
+        """The occasion on which it was measured: its own id, where it had one for itself."""
+        return self.id if self.session is None else self.session
+
+    @property
     def waveform(self) -> str:
         """Name of the drive's waveform."""
         return self.drive.waveform
@@ -241,12 +249,13 @@ class Conditions:
 
         A trace is a curve already. Of several observables, each has its own conditions.
         """
+        held: dict[str, Any] = {"changed": self.changed, "session": self.session}
         if len(self.parts) > 1:
             each = [part.filled() for part in self.parts]
             f, v, measured = (
                 np.concatenate([getattr(p, name) for p in each]) for name in (*CONDITION_COLUMNS, "measured")
             )
-            return Conditions(self.id, self.drive, self.file, f, v, changed=self.changed, measured=measured)
+            return Conditions(self.id, self.drive, self.file, f, v, **held, measured=measured)
         if self.along is None or self.time_us is not None:
             return self
         f, v = self.frequency_hz, self.amplitude_v
@@ -263,7 +272,7 @@ class Conditions:
 
         f, v = between(f[first]), between(v[first])
         measured = np.full(f.size, self.measured[0])
-        return Conditions(self.id, self.drive, self.file, f, v, changed=self.changed, measured=measured)
+        return Conditions(self.id, self.drive, self.file, f, v, **held, measured=measured)
 
     def rig(self, constants: Constants) -> Constants:
         """The rig's constants in this sweep."""
@@ -317,6 +326,19 @@ def is_one_of(group: Conditions, measured: Iterable[Group]) -> bool:
     """Whether a group is one of those measured, by its id and its very readings."""
     known = {(g.id, g.reading.tobytes()) for g in measured}
     return isinstance(group, Group) and (group.id, group.reading.tobytes()) in known
+
+
+def known_sessions(groups: Iterable[Conditions], measured: Sequence[Group]) -> frozenset[str]:
+    """Ids, as text, of the sessions of which some groups are among those measured, as `is_one_of` has it."""
+    return frozenset(str(g.session_id) for g in groups if is_one_of(g, measured))
+
+
+def sessions_of(groups: Iterable[Conditions]) -> tuple[GroupId, ...]:
+    """The sessions in which groups were measured, in the order of their first groups."""
+    found: dict[str, GroupId] = {}
+    for group in groups:
+        found.setdefault(str(group.session_id), group.session_id)
+    return tuple(found.values())
 
 
 def session_name(name: str, id: GroupId) -> str:
@@ -403,7 +425,7 @@ class Experiment:
 def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:
     """SHA-256 of the numbers: equal if and only if a run would see the same data.
 
-    It covers the constants and, for each group in order, id, drive, changed constants and columns in row order
+    It covers the constants and, for each group in order, id, session, drive, changed constants and columns in row order
     (results are stored row by row). Titles, paths and the way a number is written do not enter.
 
     Returns
@@ -423,6 +445,8 @@ def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:
             digest.update(
                 b"%d" % table.recorded + table.at.astype("<f8").tobytes() + table.value.astype("<f8").tobytes()
             )
+        if group.session is not None:
+            digest.update(f"session={group.session}\n".encode())
         for name, value in group.changed:
             digest.update(f"{name}={value.hex()}\n".encode())
         # The names are those of files that hold launch ranges alone: their fingerprints stay what they were.
@@ -448,7 +472,7 @@ def describe(experiment: Experiment) -> dict[str, Any]:
         `title`, `source`, `folder`, `fingerprint`, `constants`, `n_points`, `warnings`, `priors` (those given: `name`,
         `prior` with the probability that its cause is at work where that is given, `source`, and whether it is
         `derived` from the rig), `lacking` (of each prior that nearly follows from the rig the facts that are missing),
-        and `groups`: one dict each with `id`, `waveform`, `file`, `n_points`, the spans
+        and `groups`: one dict each with `id`, `session` if it is stated, `waveform`, `file`, `n_points`, the spans
         `frequency_hz`, `amplitude_v`, of a trace `time_us`, and those of what is read, `launch_range_um` or another
         column, as [least, greatest], `constants` (those changed), `zeros` (readings of exactly 0), `replicates`
         (readings beyond the first at the same condition) and `has_sigma`.
@@ -481,6 +505,7 @@ def _describe_group(group: Group) -> dict[str, Any]:
     spans |= {part.observable.column: part.reading for part in group.parts}
     return {
         "id": group.id,
+        **({} if group.session is None else {"session": group.session}),
         "waveform": group.waveform,
         **group.drive.settings,
         "file": group.file,

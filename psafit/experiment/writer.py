@@ -29,6 +29,7 @@ from psafit.experiment.records import (
     Constants,
     Experiment,
     Group,
+    GroupId,
 )
 from psafit.experiment.rig import Rig
 from psafit.experiment.table import read_csv, readings_of
@@ -113,7 +114,7 @@ def _kept_definition(experiment: Experiment) -> str | None:
     try:
         found = Definition(experiment.folder)
         text = found.file.read_bytes().removeprefix(codecs.BOM_UTF8).decode("utf-8")
-        declared = [(g.id, g.drive, g.file, g.changed, g.traced) for g in found.groups(found.faults)]
+        declared = [(g.id, g.session, g.drive, g.file, g.changed, g.traced) for g in found.groups(found.faults)]
         found.faults.end()
         same = (
             tomllib.loads(text) == found.data
@@ -124,7 +125,7 @@ def _kept_definition(experiment: Experiment) -> str | None:
             and found.rig() == experiment.rig
             and found.text("title", experiment.title) == experiment.title
             and found.text("source", "") == experiment.source
-            and declared == [(g.id, g.drive, g.file, g.changed, _condition(g)) for g in experiment.groups]
+            and declared == [(g.id, g.session, g.drive, g.file, g.changed, _condition(g)) for g in experiment.groups]
         )
         # Without a title it would be called after the new folder.
         text = text if "title" in found.data else f"title = {_quoted(experiment.title)}\n{text}"
@@ -185,11 +186,11 @@ def beliefs_text(beliefs: Sequence[Belief]) -> str:
 
 def group_text(group: Conditions, file: str) -> str:
     """A group's part of the definition."""
-    group_id = group.id if isinstance(group.id, int) else _quoted(group.id)
     condition = _condition(group)
     key = "trace" if condition else "file"
     lines = [
-        "", "[[group]]", f"id = {group_id}", f"waveform = {_quoted(group.waveform)}", f"{key} = {_quoted(file)}",
+        "", "[[group]]", f"id = {_id_text(group.id)}",
+        f"waveform = {_quoted(group.waveform)}", f"{key} = {_quoted(file)}",
     ]  # fmt: skip
     if condition:
         names = zip(CONDITION_COLUMNS, condition, strict=True)
@@ -199,6 +200,8 @@ def group_text(group: Conditions, file: str) -> str:
         settings.setdefault("idle_v", group.drive.idle_v)  # left out, it is asked for
     for key, value in settings.items():
         lines.append(f"{key} = {_quoted(value) if isinstance(value, str) else number_text(value)}")
+    if group.session is not None:
+        lines.append(f"session = {_id_text(group.session)}")
     if group.changed:
         changed = ", ".join(f"{name} = {number_text(value)}" for name, value in group.changed)
         lines.append(f"constants = {{ {changed} }}")
@@ -210,6 +213,10 @@ def _condition(group: Conditions) -> tuple[float, float] | None:
     if group.time_us is None:
         return None
     return float(group.frequency_hz[0]), float(group.amplitude_v[0])
+
+
+def _id_text(id: GroupId) -> str:
+    return str(id) if isinstance(id, int) else _quoted(id)
 
 
 def number_text(value: float) -> str:

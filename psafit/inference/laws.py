@@ -62,9 +62,9 @@ def broken(candidate: Candidate, settings: LawSettings | None = None) -> list[Br
 def _without_reading(candidate: Candidate) -> tuple[tuple[Term, ...], FloatArray]:
     """The causes that act on the ball, and their parameters as the simulator takes them."""
     problem = candidate.problem
-    n_sessions = int(problem.design.group.max(initial=0)) + 1
+    n_sessions = problem.design.n_sessions
     row = dict(
-        zip(columns(problem.terms, n_sessions), problem.theta(candidate.modes[:1], problem.group_ids)[0], strict=True)
+        zip(columns(problem.terms, n_sessions), problem.theta(candidate.modes[:1], problem.sessions)[0], strict=True)
     )
     terms = tuple(t for t in problem.terms if t.slot != "reading")
     return terms, np.array([row[name] for name in columns(terms, n_sessions)])
@@ -93,12 +93,12 @@ def _energy(
 ) -> Iterator[Broken]:
     worst: tuple[float, int, float, float] | None = None
     count = 0
-    for session in np.unique(design.group):
-        own = np.flatnonzero(design.group == session)
+    for group in np.unique(design.group):
+        own = np.flatnonzero(design.group == group)
         i = int(own[np.argmax(ranges[own])])
         one = design.point(i)
         point = Point(one.drives[one.drive[0]], float(one.frequency[0]), float(one.amplitude[0]))
-        pairs = _pairs(theta, terms, int(session), int(design.group.max()) + 1)
+        pairs = _pairs(theta, terms, int(design.session[i]), design.n_sessions)
         try:
             gained, given = energy(point, theta[: len(baseline.PARAMETERS)].tolist(), pairs, one.constants)
         except ConvergenceError:  # the reference gives up: nothing was asked

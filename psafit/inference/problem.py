@@ -14,7 +14,7 @@ from scipy.special import expit
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
-from psafit.experiment import Experiment, Group, GroupId, session_name
+from psafit.experiment import Experiment, Group, GroupId, session_name, sessions_of
 from psafit.experiment.text import listed
 from psafit.inference import noise
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
@@ -112,12 +112,21 @@ class Problem:
         return tuple(t.id for t in self.terms)
 
     @cached_property
+    def sessions(self) -> tuple[GroupId, ...]:
+        """The sessions that the fitted groups were measured in."""
+        return self.sessions_of(self.group_ids)
+
+    def sessions_of(self, group_ids: Sequence[GroupId]) -> tuple[GroupId, ...]:
+        """The sessions that some groups of the experiment were measured in, as their design numbers them."""
+        return sessions_of(map(self.experiment.group, group_ids))
+
+    @cached_property
     def _latents(self) -> tuple[Parameter, ...]:
         return tuple(
             replace(term.latent, name=session_name(term.latent.name, g), description=f"{term.latent.description}, {g}")
             for term in self.terms
             if term.latent
-            for g in self.group_ids
+            for g in self.sessions
         )
 
     @cached_property
@@ -125,7 +134,7 @@ class Problem:
         """Which parameters belong together: each of the baseline's and the scatter's alone, a cause's; (n_dim,)."""
         n = len(baseline.PARAMETERS)
         causes = [n + k for k, term in enumerate(self.terms) for _ in term.parameters]
-        latents = [n + k for k, term in enumerate(self.terms) if term.latent for _ in self.group_ids]
+        latents = [n + k for k, term in enumerate(self.terms) if term.latent for _ in self.sessions]
         last = n + len(self.terms)
         return np.array([*range(n), *causes, *latents, *range(last, last + len(self.scatter))])
 
@@ -242,28 +251,29 @@ class Problem:
         rng : Generator, optional
             Draws what a session not fitted has for itself from its prior; the prior's median without one.
         """
-        groups = self.group_ids if group_ids is None else tuple(group_ids)
-        design = self.design if group_ids is None else self.design_of(groups)
-        return readings(design, self.theta(u, groups, rng), self.terms, tolerance=self.tolerance)
+        design = self.design if group_ids is None else self.design_of(group_ids)
+        sessions = self.sessions if group_ids is None else self.sessions_of(group_ids)
+        return readings(design, self.theta(u, sessions, rng), self.terms, tolerance=self.tolerance)
 
-    def theta(self, u: FloatArray, groups: Sequence[GroupId], rng: np.random.Generator | None = None) -> FloatArray:
-        """Physical values of `u` in the columns that the simulator takes for a design of `groups`; see `predict`."""
+    def theta(self, u: FloatArray, sessions: Sequence[GroupId], rng: np.random.Generator | None = None) -> FloatArray:
+        """Physical values of `u` in the columns that the simulator takes for a design of `sessions`; see `predict`."""
         x = self.to_physical(u)
         if not self._latents:
             return x[:, : self.n_physical]
         n = len(baseline.PARAMETERS)
         blocks, first, latent = [x[:, :n]], n, self.n_physical
+        fitted = [str(s) for s in self.sessions]
         for term in self.terms:
             blocks.append(x[:, first : first + len(term.parameters)])
             first += len(term.parameters)
             if term.latent:
-                for g in groups:
-                    if g in self.group_ids:
-                        blocks.append(x[:, [latent + self.group_ids.index(g)]])
+                for s in map(str, sessions):
+                    if s in fitted:
+                        blocks.append(x[:, [latent + fitted.index(s)]])
                     else:
                         p = np.full(len(u), 0.5) if rng is None else rng.uniform(size=len(u))
                         blocks.append(term.latent.to_physical(term.latent.prior_quantile(p))[:, None])
-                latent += len(self.group_ids)
+                latent += len(fitted)
         return np.concatenate(blocks, axis=1)
 
     def noise_values(self, u: FloatArray, group: Group | None = None) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import norm
 
 from psafit.arrays import FloatArray
-from psafit.experiment import GroupId, session_name
+from psafit.experiment import Group, session_name
 from psafit.inference import identify, store
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
@@ -106,15 +106,17 @@ def summarise(
         parameters=entries,
         importance=compared(problem, sampled, importance, float(min(health["ess_tail"]))),
         files=files,
-        sessions=[
-            SessionSummary(term.id, group, of.title, of.unit, *np.quantile(values, [0.5, 0.05, 0.95]).tolist())
-            for term, of, group, values in by_session(problem, draws.flat)
-        ]
-        or None,
+        sessions=[*_sessions(problem, draws.flat)] or None,
     )
 
 
-def by_session(problem: Problem, rows: FloatArray) -> Iterator[tuple[Term, OfSession, GroupId, FloatArray]]:
+def _sessions(problem: Problem, rows: FloatArray) -> Iterator[SessionSummary]:
+    for term, of, group, values in by_session(problem, rows):
+        median, low, high = np.quantile(values, [0.5, 0.05, 0.95]).tolist()
+        yield SessionSummary(term.id, group.id, of.title, of.unit, median, low, high, group.session)
+
+
+def by_session(problem: Problem, rows: FloatArray) -> Iterator[tuple[Term, OfSession, Group, FloatArray]]:
     """What each session has by each cause that differs by session and changes what was read there.
 
     Parameters
@@ -125,17 +127,19 @@ def by_session(problem: Problem, rows: FloatArray) -> Iterator[tuple[Term, OfSes
 
     Yields
     ------
-    Term, OfSession, group id, (n,) array
+    Term, OfSession, first group of the session, (n,) array
     """
+    fitted = problem.experiment.select(problem.group_ids)
     for term in problem.terms:
         if not (term.latent and term.of_session):
             continue
-        for group in problem.group_ids:
-            read = {OBSERVABLES[k].name for k in problem.experiment.group(group).measured}
+        for session in problem.sessions:
+            groups = [g for g in fitted if str(g.session_id) == str(session)]
+            read = {OBSERVABLES[k].name for g in groups for k in np.unique(g.measured)}
             if term.setup or not read.isdisjoint(term.reads):
-                names = [*(p.name for p in term.parameters), session_name(term.latent.name, group)]
+                names = [*(p.name for p in term.parameters), session_name(term.latent.name, session)]
                 columns = [problem.names.index(name) for name in names]
-                yield term, term.of_session, group, term.of_session.value(rows[:, columns])
+                yield term, term.of_session, groups[0], term.of_session.value(rows[:, columns])
 
 
 class Summarised(Protocol):
@@ -158,8 +162,8 @@ def overdamped(problem: Problem, entries: Sequence[Summarised]) -> Overdamped | 
     causes leave them.
     """
     lower = entries[problem.names.index("c_s")].lower
-    theta = problem.theta(problem.to_sampling(np.array([[p.median for p in entries]])), problem.group_ids)
-    rig = rig_of(problem.experiment.constants, theta, problem.terms, len(problem.group_ids))
+    theta = problem.theta(problem.to_sampling(np.array([[p.median for p in entries]])), problem.sessions)
+    rig = rig_of(problem.experiment.constants, theta, problem.terms, len(problem.sessions))
     critical = 2.0 * math.sqrt(float(rig.k_s[0] * rig.m[0]))
     if lower is None or lower <= critical:
         return None

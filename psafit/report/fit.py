@@ -355,7 +355,7 @@ def _session_row(s: SessionSummary) -> list[str]:
     unit, (median, lower, upper) = prefixed(s.unit, s.median, s.lower, s.upper)
     spread = (upper - lower) / 2
     value, ends = with_unit(number(median, spread), unit), with_unit(interval(lower, upper, spread), unit)
-    return [TITLES.get(s.cause, s.cause), f"Group {s.group}", s.what, value, ends]
+    return [TITLES.get(s.cause, s.cause), f"{s.where[0].upper()}{s.where[1:]}", s.what, value, ends]
 
 
 def parameter_rows(run: Run, doubted: bool) -> list[list[Any]]:

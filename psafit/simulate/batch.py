@@ -256,7 +256,7 @@ def simulate(
         no sense; if `path` is "closed form" and a set has none.
     """
     sets = np.atleast_2d(np.asarray(theta, dtype=float))
-    n_sessions = n_sessions or int(design.group.max(initial=0)) + 1
+    n_sessions = n_sessions or design.n_sessions
     names = columns(terms, n_sessions)
     if sets.ndim != 2 or sets.shape[1] != len(names):
         raise ValueError(f"theta has shape {np.shape(theta)}, expected (n_sets, {len(names)}): {', '.join(names)}")
@@ -299,7 +299,7 @@ def readings(
         return np.empty((0, design.n_points))
     if not design.traced.any():
         return _of_launches(design, theta, terms, tolerance)
-    n_sessions = int(design.group.max()) + 1
+    n_sessions = design.n_sessions
     plain, rows = design.launched_rows
     read = np.empty((len(np.atleast_2d(theta)), design.n_points))
     if rows.size:
@@ -350,8 +350,8 @@ def _as_read(
     """
     if observable is not LAUNCH_RANGE and any(observable.name in t.reads for t in terms):
         sets = np.atleast_2d(np.asarray(theta, dtype=float))
-        own = _own(terms, n_sessions or int(design.group.max(initial=0)) + 1)
-        here = design.group[rows], design.frequency[rows], design.amplitude[rows]
+        own = _own(terms, n_sessions or design.n_sessions)
+        here = design.session[rows], design.frequency[rows], design.amplitude[rows]
         read = _changed(observable, values, *here, sets, terms, own)
         values = np.where(values == 0.0, 0.0, read) if observable.blank else read
     return values * observable.scale
@@ -360,7 +360,7 @@ def _as_read(
 def _changed(
     observable: Observable,
     values: FloatArray,
-    group: NDArray[np.int64],
+    session: NDArray[np.int64],
     frequency: FloatArray,
     amplitude: FloatArray,
     sets: FloatArray,
@@ -372,7 +372,7 @@ def _changed(
         if observable.name not in term.reads:
             continue
         if term.reading:
-            values = term.reading(values, sets[:, columns_], group)
+            values = term.reading(values, sets[:, columns_], session)
         if term.condition:
             values = values * term.condition(frequency, amplitude, sets[:, columns_])
     return values
@@ -388,7 +388,7 @@ def _simulate(
     forces: bool,
 ) -> Simulation:
     """Simulate sets at points of one rig, and of one session where every session has its own."""
-    own, session = _own(terms, n_sessions), int(design.group[0]) if design.n_points else 0
+    own, session = _own(terms, n_sessions), int(design.session[0]) if design.n_points else 0
     # Sets that differ only in what happens after the launch, or in another session, share their contact.
     after = np.zeros(sets.shape[1], bool)
     for term, columns_ in zip(terms, own, strict=True):
@@ -437,7 +437,7 @@ def _simulate(
             when, speed, place, status, rig.l, rig.g, rig.lean, rig.rub, loss[0], loss[1], np.ascontiguousarray(sets),
             design.moments, steps, motion,
         )  # fmt: skip
-    swung = _changed(LAUNCH_RANGE, swung, design.group, design.frequency, design.amplitude, sets, terms, own)
+    swung = _changed(LAUNCH_RANGE, swung, design.session, design.frequency, design.amplitude, sets, terms, own)
     engine = PATHS[int(stepped.all())] if stepped.all() or not stepped.any() else "mixed"
     launched = status == closed_form.LAUNCHED
     return Simulation(

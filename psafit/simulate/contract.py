@@ -404,7 +404,7 @@ def neutral(cause: Term, design: Design, rng: np.random.Generator) -> Outcome:
     """At the neutral value of its strength the cause is not there."""
     p = cause.strength
     assert p.neutral is not None
-    sets = rows(cause, p.neutral, rng, _sessions(design))
+    sets = rows(cause, p.neutral, rng, design.n_sessions)
     base = simulate(design, sets[:, :3]).launch_range
     worst = _apart(simulate(design, sets, [cause]).launch_range, base)
     text = f"{p.name} = {p.neutral:g} against the baseline, {_size(sets, design)}: relative difference"
@@ -424,16 +424,12 @@ def approached(cause: Term, design: Design, rng: np.random.Generator, *, step: f
     worst = 0.0
     for near in (u - step, u + step):
         if p.sampling_bounds.lower <= near <= p.sampling_bounds.upper:
-            sets = rows(cause, float(p.to_physical(near)), rng, _sessions(design))
+            sets = rows(cause, float(p.to_physical(near)), rng, design.n_sessions)
             limit = np.hstack([sets[:, :3], np.tile(values, (len(sets), 1))])
             base = simulate(design, limit, [term(id)] if id else ()).launch_range
             worst = max(worst, _apart(simulate(design, sets, [cause]).launch_range, base))
     text = f"{p.name} next to {p.neutral:g} against {id or 'the baseline'}: relative difference"
     return _within("continuous", worst, 1e-6, text)
-
-
-def _sessions(design: Design) -> int:
-    return int(design.group.max(initial=0)) + 1
 
 
 def _size(sets: FloatArray, design: Design) -> str:
@@ -499,7 +495,7 @@ def _shift(cause: Term, design: Design, theta: ArrayLike, one: FloatArray, other
 
 def path(cause: Term, design: Design, of_steps: float = 1e-6) -> Outcome:
     """The path announced is the one taken, and agrees with fine steps: a closed form to 1e-6, steps to `of_steps`."""
-    sets = np.concatenate([REFERENCE, plausible(cause), [0.3] * (_sessions(design) if cause.latent else 0)])
+    sets = np.concatenate([REFERENCE, plausible(cause), [0.3] * (design.n_sessions if cause.latent else 0)])
     found = simulate(design, sets, [cause])
     steps = simulate(design, sets, [cause], path="stepper", tolerance=1e-9)
     worst, announced = _apart(found.launch_range, steps.launch_range), path_of([cause])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.drives import NAMES, Drive
-from psafit.experiment import Conditions, Constants
+from psafit.experiment import Conditions, Constants, sessions_of
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.simulate.command import commands
 
@@ -40,13 +40,15 @@ class Design:
     frequency : (n_points,) array, Hz
     amplitude : (n_points,) array, V
     group : (n_points,) int array
-        Session of each point, numbered from 0; causes that act per session use it.
+        Sweep or trace that each point is of, numbered from 0.
     time : (n_points,) array, s
         Of a sample of a trace, from the start of the drive; NaN where the launch as a whole is read.
     moments : (n_points, n_moments) array, s
         At which the motion of each launch is to be followed, ascending, infinite behind the last; none by default.
     tipped : bool
         Whether the tip is followed after the launch, too, which takes the stepper.
+    session : (n_points,) int array
+        Session of each point, numbered from 0; causes that act per session use it. By default each group is one.
 
     Raises
     ------
@@ -66,13 +68,17 @@ class Design:
     time: FloatArray = field(default_factory=lambda: np.full(1, np.nan))
     moments: FloatArray = field(default_factory=lambda: np.empty((1, 0)))
     tipped: bool = False
+    session: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     def __post_init__(self) -> None:
+        if not np.size(self.session):
+            object.__setattr__(self, "session", self.group)
         for name, kind in (
             ("drive", np.int64),
             ("frequency", np.float64),
             ("amplitude", np.float64),
             ("group", np.int64),
+            ("session", np.int64),
             ("rig", np.int64),
             ("measured", np.int8),
             ("time", np.float64),
@@ -98,6 +104,11 @@ class Design:
         """Number of measurement points."""
         return int(np.size(self.frequency))
 
+    @property
+    def n_sessions(self) -> int:
+        """Number of sessions that it has points of, with those numbered before."""
+        return int(self.session.max(initial=0)) + 1
+
     def swept(self, variable: str) -> NDArray[np.float64]:
         """What "frequency" (Hz), "amplitude" (V) or "time" (us, along a trace) is at each point."""
         return {"amplitude": self.amplitude, "time": self.time * 1e6}.get(variable, self.frequency)
@@ -115,11 +126,11 @@ class Design:
     def points(self, chosen: NDArray[np.intp]) -> Design:
         """Some of the conditions; those of one rig have its constants."""
         some = self.drive[chosen], self.frequency[chosen], self.amplitude[chosen], self.group[chosen]
-        rig = self.rig[chosen]
+        rig, session = self.rig[chosen], self.session[chosen]
         read = self.measured[chosen], self.time[chosen], self.moments[chosen], self.tipped
         if rig.size and (rig == rig[0]).all():
-            return Design(self.rigs[rig[0]], *some, (), np.zeros(1, np.int64), self.drives, *read)
-        return Design(self.constants, *some, self.others, rig, self.drives, *read)
+            return Design(self.rigs[rig[0]], *some, (), np.zeros(1, np.int64), self.drives, *read, session)
+        return Design(self.constants, *some, self.others, rig, self.drives, *read, session)
 
     @cached_property
     def commands(self) -> tuple[FloatArray, FloatArray]:
@@ -223,7 +234,7 @@ class Design:
     @cached_property
     def of_sessions(self) -> list[tuple[Design, NDArray[np.intp]]]:
         """The points of each session of each rig, as a design of their own, and which they are."""
-        return self._split(self.rig * (int(self.group.max(initial=0)) + 1) + self.group)
+        return self._split(self.rig * self.n_sessions + self.session)
 
     @classmethod
     def of(cls, constants: Constants, groups: Sequence[Conditions]) -> Design:
@@ -231,6 +242,7 @@ class Design:
         sizes = [g.frequency_hz.size for g in groups]
         rigs = list(dict.fromkeys([constants, *(g.rig(constants) for g in groups)]))
         drives = tuple(dict.fromkeys([*_USUAL, *(g.drive for g in groups)]))
+        sessions = [str(id) for id in sessions_of(groups)]
         every = cls(
             constants,
             np.repeat([drives.index(g.drive) for g in groups], sizes),
@@ -242,6 +254,7 @@ class Design:
             drives,
             np.concatenate([g.measured for g in groups]),
             np.concatenate([np.full(g.n_points, np.nan) if g.time_us is None else g.time_us * 1e-6 for g in groups]),
+            session=np.repeat([sessions.index(str(g.session_id)) for g in groups], sizes),
         )
         return every.points(np.arange(every.n_points)) if rigs[1:] else every
 

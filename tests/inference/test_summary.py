@@ -46,7 +46,7 @@ def test_what_sessions_have_is_said_as_people_know_it(tmp_path: Path, capsys: py
     values = dict(zip(problem.names, problem.to_physical(problem.medians), strict=True))
     values |= {"reading_gain_spread": 0.1} | {f"reading_gain_z_{g}": -2.0 for g in problem.group_ids}
     found = list(by_session(problem, np.array([list(values.values())])))
-    assert [group for _, _, group, _ in found] == list(problem.group_ids)
+    assert [group.id for _, _, group, _ in found] == list(problem.group_ids)
     assert [float(gain[0]) for *_, gain in found] == pytest.approx([np.exp(-0.2)] * len(found))
     n = run.fit.n_physical
     last = [replace(p, verdict="not determined") for p in run.summary.parameters[n:]]

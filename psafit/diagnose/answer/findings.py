@@ -324,7 +324,7 @@ class BySession(Statement):
 
     def say(self, words: Words) -> str:
         values = ((s, words.value(s.value.unit, s.value.median, s.value.interval)) for s in self.sessions)
-        texts = ((s.cause, words.put("{} in {}", value, words.groups([s.group]))) for s, value in values)
+        texts = ((s.cause, words.put("{} in {}", value, s.where)) for s, value in values)
         return words.put("Session by session: {}.", _by_cause(words, texts))
 
 

@@ -96,7 +96,7 @@ class CheckFirst(Statement):
     def say(self, words: Words) -> str:
         return words.put(
             "Check first what psafit takes as given: the waveform, how volts are counted, bias and idle voltage, units,"
-            " that each group is one session, the rig's constants, and what [rig] says of materials."
+            " which groups were measured in one session, the rig's constants, and what [rig] says of materials."
         )
 
 

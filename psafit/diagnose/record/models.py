@@ -10,7 +10,7 @@ from psafit.diagnose.record.misfit import Condition
 from psafit.diagnose.show import Corner, Drift, Growth, Line
 from psafit.experiment import GroupId
 from psafit.inference.samplers.nautilus import NestedEvidence
-from psafit.records import ABSENT, Brief, Overdamped
+from psafit.records import ABSENT, Brief, Overdamped, occasion
 
 
 @dataclass(frozen=True)
@@ -94,12 +94,21 @@ class SessionResult:
     ----------
     cause : str
     group : int or str
+        The first that was measured in the session.
     value : ParameterResult
+    session : int or str, optional
+        Its name, where it has one.
     """
 
     cause: str
     group: GroupId
     value: ParameterResult
+    session: GroupId | None = field(default=None, metadata=ABSENT)
+
+    @property
+    def where(self) -> str:
+        """The session, as people know it."""
+        return occasion(self.group, self.session)
 
 
 @dataclass(frozen=True, repr=False)
