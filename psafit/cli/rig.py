@@ -104,7 +104,7 @@ def plan(
 def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet: bool) -> int:
     """Say which causes conditions can distinguish."""
     from psafit.cli.simulating import PICTURES
-    from psafit.diagnose.isolability import isolability
+    from psafit.diagnose.isolability import IsolabilitySettings, isolability
     from psafit.experiment import read_plan
     from psafit.observables import OBSERVABLES
     from psafit.physics import TERMS, informed
@@ -119,6 +119,7 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
         show.stage("isolability")
         found = isolability(
             read.title, read.constants, read.groups, read.limits, terms,
+            settings=IsolabilitySettings(beliefs=read.beliefs),
             progress=lambda k, n: show.update(k, n, "blocks of confounded causes"),
         )  # fmt: skip
     if plot is not None:

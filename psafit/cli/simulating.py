@@ -82,7 +82,6 @@ def simulate(
 
     from psafit.experiment import read_plan
     from psafit.files import write_atomically
-    from psafit.observables import OBSERVABLES
     from psafit.simulate import Design
     from psafit.simulate import readings as readings_of
     from psafit.simulate import simulate as simulate_batch
@@ -106,8 +105,7 @@ def simulate(
             said = rivals, _standing(run, opened, quiet), _intervals(opened, plan)
     tied, standing, ends = said
     _say_of_conditions(chosen, groups, quiet)
-    measured = [OBSERVABLES[k] for k in np.unique(np.concatenate([g.measured for g in groups]))]
-    scatter = () if seed is None else tuple(p for o in measured for p in o.scatter)
+    scatter = () if seed is None else _scatter(plan)
     theta = completed(plan, chosen, given, asked, scatter, seed)
     model = list(theta.values())[: len(theta) - len(scatter)]
     design = Design.of(plan.constants, groups)
@@ -344,6 +342,15 @@ def _models_of(place: Path, run: Run | Diagnosis, most: int = 4) -> tuple[list[_
     # Only what sessions have for themselves asks whose readings they are.
     latent = any(t.latent for terms, _ in models for t in terms)
     return models, read_experiment(place / "experiment").groups if latent else ()
+
+
+def _scatter(plan: Plan) -> tuple[Parameter, ...]:
+    """The parameters of the scatter of all that a plan reads."""
+    from psafit.observables import OBSERVABLES
+    from psafit.physics import informed_scatter
+
+    kinds = sorted({int(k) for g in plan.groups for k in g.measured})
+    return tuple(p for k in kinds for p in informed_scatter(plan.beliefs, OBSERVABLES[k]))
 
 
 def _apart(sets: Sequence[Sequence[Term]], most: int = 2) -> list[str]:

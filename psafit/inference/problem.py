@@ -19,7 +19,7 @@ from psafit.experiment.text import listed
 from psafit.inference import noise
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
 from psafit.parameters import Bounds, Parameter
-from psafit.physics import baseline, informed
+from psafit.physics import baseline, informed, informed_scatter
 from psafit.physics.term import Term
 from psafit.simulate import Design, readings
 from psafit.simulate.stepper import TOLERANCE
@@ -94,7 +94,7 @@ class Problem:
     @cached_property
     def scatter(self) -> tuple[Parameter, ...]:
         """The scatter's parameters: three an observable, and for a trace its correlation time."""
-        found = [o.scatter for o in self.observables]
+        found = [informed_scatter(self.experiment.beliefs, o) for o in self.observables]
         if self.usual_tails:
             held = [replace(nu, bounds=Bounds(nu.prior_median, nu.bounds.upper)) for _, _, nu, *_ in found]
             found = [(one[0], one[1], nu, *one[3:]) for one, nu in zip(found, held, strict=True)]
@@ -304,7 +304,8 @@ class Problem:
         if observable in self.observables:
             values = self.to_physical(u)[:, self.n_model :]
             return np.asarray(values[:, self.scatter_at[self.observables.index(observable)]])
-        return np.tile([p.prior_median for p in observable.scatter], (len(u), 1))
+        known = informed_scatter(self.experiment.beliefs, observable)
+        return np.tile([p.prior_median for p in known], (len(u), 1))
 
     def sigma_to_come(self, measured: int) -> float | None:
         """Usual uncertainty of readings to come of one observable: the median, where most readings of it state one.

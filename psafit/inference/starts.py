@@ -45,12 +45,13 @@ def _scatter(
     (n_sets,) array and (n_sets, n_dim - n_model) array of sampling coordinates
     """
     total, at = np.zeros(len(predicted)), []
-    for observable, here in zip(problem.observables, problem.rows_of_scatter, strict=True):
-        axes = (quantiles, quantiles, tails, memories)[: len(observable.scatter)]
+    for own, here in zip(problem.scatter_at, problem.rows_of_scatter, strict=True):
+        parameters = problem.scatter[own]
+        axes = (quantiles, quantiles, tails, memories)[: len(parameters)]
         grid = np.array(np.meshgrid(*axes)).reshape(len(axes), -1).T
-        u = np.stack([p.prior_quantile(grid[:, i]) for i, p in enumerate(observable.scatter)], axis=1)
-        values = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(observable.scatter)], axis=1)
-        prior = np.sum([p.log_prior(u[:, i]) for i, p in enumerate(observable.scatter)], axis=0)
+        u = np.stack([p.prior_quantile(grid[:, i]) for i, p in enumerate(parameters)], axis=1)
+        values = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(parameters)], axis=1)
+        prior = np.sum([p.log_prior(u[:, i]) for i, p in enumerate(parameters)], axis=0)
         known = None if problem.known_sigma is None else problem.known_sigma[here]
         log_posterior = np.empty((len(predicted), len(grid)))
         for k, one in enumerate(values):

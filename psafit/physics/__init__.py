@@ -16,6 +16,7 @@ from psafit.errors import InputError
 from psafit.experiment.plausible import doubt, valued
 from psafit.experiment.rig import Followed
 from psafit.experiment.text import did_you_mean, shown
+from psafit.observables import OBSERVABLES, Observable
 from psafit.parameters import Belief, Parameter, leading_belief
 from psafit.physics import (
     adhesion,
@@ -53,8 +54,8 @@ from psafit.physics import (
 from psafit.physics.term import SLOTS, Term, signature
 
 __all__ = [
-    "TERMS", "baseline", "informed", "label", "meaning", "owner", "plugin_versions", "recorded", "signatures", "term",
-    "terms",
+    "TERMS", "baseline", "informed", "informed_scatter", "label", "meaning",
+    "owner", "plugin_versions", "recorded", "signatures", "term", "terms",
 ]  # fmt: skip
 
 _BUILT_IN: tuple[Term, ...] = tuple(
@@ -219,9 +220,6 @@ def _unknown(name: str, known: Iterable[str], causes: Iterable[Term]) -> tuple[s
         if cause.latent and (name == cause.latent.name or name.startswith(f"{cause.latent.name}_")):
             what = f"{name} is what each session has by {cause.id}"
             return what, f"state the prior of its spread, as psafit terms {cause.id} lists it"
-    if _of_scatter(name):
-        remedy = "state what is known of the readings' errors in a column: sigma_um, sigma_mm_s, sigma_us, sigma_n"
-        return f"{name} is of the scatter, whose priors stay as they are", remedy
     remedy = f"{did_you_mean(name, known)}; of a cause of your own give its file, too: --plugin FILE"
     return f"there is no parameter {shown(name)} to know of", remedy
 
@@ -237,8 +235,32 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
     causes = tuple(causes)
     if not beliefs:
         return baseline.PARAMETERS, causes
+    found = _informed(beliefs, causes)
+
+    def known_of(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
+        return tuple(found.get(p.name, p) for p in parameters)
+
+    def known_cause(cause: Term) -> Term:
+        names = [p.name for p in cause.parameters]
+        said = leading_belief(b for b in beliefs if b.name in names)
+        probability = cause.probability if said is None or said.probability is None else said.probability
+        return replace(cause, parameters=known_of(cause.parameters), probability=probability)
+
+    return known_of(baseline.PARAMETERS), tuple(map(known_cause, causes))
+
+
+def informed_scatter(beliefs: Sequence[Belief], observable: Observable) -> tuple[Parameter, ...]:
+    """The parameters of an observable's scatter, with what is known of them in the place of usual priors."""
+    if not beliefs:
+        return observable.scatter
+    found = _informed(beliefs, ())
+    return tuple(found.get(p.name, p) for p in observable.scatter)
+
+
+def _informed(beliefs: Sequence[Belief], causes: Sequence[Term]) -> dict[str, Parameter]:
+    """The parameters of which something is known, with what is known of them."""
     own = {p.name: p for t in (*TERMS, *causes) for p in t.parameters}
-    known = {p.name: p for p in baseline.PARAMETERS} | own
+    known = {p.name: p for p in (*baseline.PARAMETERS, *(p for o in OBSERVABLES for p in o.scatter))} | own
     found: dict[str, Parameter] = {}
     for b in beliefs:
         if b.name not in known:
@@ -254,14 +276,4 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
         if b.probability is not None and b.name not in own:
             what, remedy = f"{b.name} is of the model itself, which is always at work", "leave its probability out"
             raise InputError(what, remedy, file=b.file, line=b.line)
-
-    def known_of(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
-        return tuple(found.get(p.name, p) for p in parameters)
-
-    def known_cause(cause: Term) -> Term:
-        names = [p.name for p in cause.parameters]
-        said = leading_belief(b for b in beliefs if b.name in names)
-        probability = cause.probability if said is None or said.probability is None else said.probability
-        return replace(cause, parameters=known_of(cause.parameters), probability=probability)
-
-    return known_of(baseline.PARAMETERS), tuple(map(known_cause, causes))
+    return found

@@ -18,6 +18,7 @@ from psafit.drives import Drive, Table
 from psafit.experiment import Conditions, Experiment, read_as
 from psafit.inference.problem import Problem
 from psafit.observables import CONTACT_TIME, DISPLACEMENT, OBSERVABLES, OF_LAUNCHES, PEAK_FORCE, VELOCITY, Observable
+from psafit.parameters import Belief, LogNormal
 from psafit.physics import terms
 from psafit.report.figures.isolability import isolability_figure
 from psafit.simulate import Design
@@ -274,3 +275,16 @@ def test_pairs_that_look_like_one_cause_are_drawn_on_their_side(found):
     first, second, _ = isolability_figure(with_pairs).axes
     assert {t.get_text(): t.get_position() for t in second.texts} == {"0.7": (2, 1), "1.4": (1, 2)}
     assert len(isolability_figure(replace(with_pairs, pairs=[])).axes) == 2 and first.get_ylabel()
+
+
+def test_what_is_known_of_the_scatter_is_what_a_plan_counts_by():
+    design = Design.of(experiment().constants, (*experiment().groups, traced(VELOCITY, 4)))
+    known = (
+        Belief("sigma_rel", LogNormal(0.01, 1.2), "a camera"),
+        Belief("sigma_abs_velocity", LogNormal(0.7, 1.2), "a laser"),
+    )
+    usual, stated = IsolabilitySettings().scatter(design)[0], IsolabilitySettings(beliefs=known).scatter(design)[0]
+    assert np.unique(stated[0, ~design.traced]) == pytest.approx([0.01])
+    assert np.unique(stated[1, design.traced]) == pytest.approx([0.7])
+    assert np.array_equal(stated[1, ~design.traced], usual[1, ~design.traced])
+    assert np.array_equal(stated[2:], usual[2:], equal_nan=True)

@@ -14,6 +14,8 @@ from scipy.stats import laplace
 from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, read_experiment
 from psafit.inference.problem import Problem
+from psafit.inference.starts import starts_of
+from psafit.observables import LAUNCH_SPEED, OBSERVABLES
 from psafit.parameters import Belief, LogNormal, Normal
 from psafit.physics import TERMS, terms
 from psafit.simulate import simulate
@@ -76,10 +78,7 @@ def test_what_is_known_of_a_rig_takes_the_place_of_usual_priors(known: Experimen
     ]
     with pytest.raises(InputError, match="there is no parameter 'k_cc' to know of; did you mean k_c"):
         Problem(replace(known, beliefs=(Belief("k_cc", hertz, "x"),)), (1,))
-    for name, said in (
-        ("sigma_rel", "sigma_rel is of the scatter, whose priors stay as they are; state what is known .* sigma_um"),
-        ("reading_gain_z", "what each session has by reading_gain; state the prior of its spread"),
-    ):
+    for name, said in (("reading_gain_z", "what each session has by reading_gain; state the prior of its spread"),):
         with pytest.raises(InputError, match=said):
             Problem(replace(known, beliefs=(Belief(name, hertz, "x"),)), (1,))
     for name, prior, words in (
@@ -89,6 +88,24 @@ def test_what_is_known_of_a_rig_takes_the_place_of_usual_priors(known: Experimen
     ):
         with pytest.raises(InputError, match=words):
             Problem(replace(known, beliefs=(Belief(name, prior, "x"),)), (1,))
+
+
+def test_what_is_known_of_the_scatter_takes_the_place_of_its_usual_prior(known: Experiment) -> None:
+    """In fits, where they start, and for what was not read yet."""
+    speed = OBSERVABLES.index(LAUNCH_SPEED)
+    camera, laser = Belief("sigma_rel", LogNormal(0.03, 1.2), "x"), Belief("nu_launch_speed", LogNormal(30.0, 1.2), "y")
+    problem, usual = Problem(replace(known, beliefs=(camera, laser)), (1, 2)), Problem(known, (1, 2))
+    assert [p.name for p, q in zip(problem.scatter, usual.scatter, strict=True) if p != q] == ["sigma_rel"]
+    assert problem.scatter[0].prior == camera.prior and problem.scatter[0].source == "x"
+    u = starts_of(problem, 1, 8, 64)[0]
+    assert np.ptp(problem.scatter[0].to_physical(u[:, problem.n_model])) < 0.06
+    u = problem.medians[None]
+    assert problem.scatter_to_come(u, 0)[0, 0] == pytest.approx(0.03)
+    assert problem.scatter_to_come(u, speed)[0] == pytest.approx([*usual.scatter_to_come(u, speed)[0, :2], 30.0])
+    held = replace(problem, usual_tails=True)
+    assert held.scatter[0].prior == camera.prior and held.scatter[2].bounds.lower > problem.scatter[2].bounds.lower
+    with pytest.raises(InputError, match="sigma_rel is of the model itself, which is always at work"):
+        Problem(replace(known, beliefs=(replace(camera, probability=0.5),)), (1,))
 
 
 def test_no_reading_is_predicted_below_zero(known: Experiment) -> None:
