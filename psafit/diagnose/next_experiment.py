@@ -303,8 +303,8 @@ class NextExperiment:
         elif self.separates and proposal.separation < ProposalSettings.wins:
             little = ", hardly enough to decide"
         if self.weak is not None:
-            wide = "still at least" if self.weak else "already less than"
-            so_far = f"; its posterior is {wide} half as wide as its prior"
+            known = "no better than to" if self.weak else "to less than"
+            so_far = f"; so far it is known {known} half its prior's width"
         return words.put("{}{}{}", does, little, so_far)
 
 

@@ -502,7 +502,7 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(tmp_path):
     text = build(record, experiment, tmp_path).first_screen
     assert (
         "would show much: sine, 20 V, determines kc (contact stiffness), whose standard deviation falls by about"
-        " 5 %, hardly worth the measurement; its posterior is still at least half as wide as its prior. More" in text
+        " 5 %, hardly worth the measurement; so far it is known no better than to half its prior's width. More" in text
     )
 
 
@@ -519,7 +519,7 @@ def test_what_decides_little_or_no_better_than_others_is_said():
     known = NextExperiment.of([first], Purpose("narrow", parameter="k_c"), weak=False)
     assert Next(known, more=False).say(PLAIN) == (
         "Next, measure sine, 20 V: it best determines k_c (contact stiffness), whose standard deviation falls by"
-        " about 91 %; its posterior is already less than half as wide as its prior."
+        " about 91 %; so far it is known to less than half its prior's width."
     )
 
 
