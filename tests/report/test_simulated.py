@@ -15,7 +15,7 @@ from fits_by_hand import make_run, mixed_groups
 from matplotlib.figure import Figure
 
 from psafit.diagnose.record.models import ParameterResult
-from psafit.experiment import Experiment, write_experiment
+from psafit.experiment import Conditions, Experiment, write_experiment
 from psafit.records import write_json
 from psafit.report import simulated
 
@@ -89,3 +89,24 @@ def test_a_picture_shows_the_intervals_of_a_fit(known: Experiment, tmp_path: Pat
     bands = [[len(axes.collections) for axes in figure.axes] for figure in drawn]
     assert bands == [[1] * len(known.groups), [0] * len(known.groups)]
     assert [text.get_text() for text in drawn[0].legends[0].get_texts()][-1] == "90 % of readings"
+
+
+def test_sets_that_lie_on_one_another_are_drawn_against_the_first(known: Experiment, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    """As a factor; a planned group has no readings, and a group in which they differ stays as it is."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(simulated, "save", lambda figure, path: drawn.append(figure))
+    first, second, third = known.groups
+    groups = (first, second, Conditions(9, "sine", "9.csv", third.frequency_hz, third.amplitude_v))
+
+    def level(factors: tuple[float, float, float]) -> list[np.ndarray[Any, Any]]:
+        each = ([c.n_points for c in some] for some in (groups, [g.filled() for g in groups]))
+        return [np.repeat([10.0 * f for f in factors], sizes) for sizes in each]
+
+    models = {"one": level((1.0, 1.0, 1.0)), "other": level((1.01, 3.0, 0.99))}
+    simulated.write_picture(groups, models, Path("x.png"))
+    one, two, three = drawn[0].axes
+    assert [a.get_ylabel() for a in (one, two, three)] == [
+        "Launch range / first model", "Launch range (µm)", "Launch range / first model",
+    ]  # fmt: skip
+    for axes, factor in ((one, 1.01), (three, 0.99)):
+        assert axes.lines[1].get_ydata() == pytest.approx(factor) or axes.lines[2].get_ydata() == pytest.approx(factor)

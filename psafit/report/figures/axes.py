@@ -117,6 +117,15 @@ def shown_unit(unit: str) -> str:
     return {"um": "µm", "us": "µs"}.get(unit, unit)
 
 
+def reading_label(group: Conditions, over: str) -> str:
+    """The label of an axis that shows readings over what a model says of them, or along a trace their difference."""
+    if not over:
+        return range_label(group)
+    o, traced = group.observable, group.time_us is not None
+    how = f"\N{MINUS SIGN} {over} ({shown_unit(o.unit)})" if traced else f"/ {over}"
+    return f"{o.title.capitalize()} {how}"
+
+
 def range_label(group: Conditions) -> str:
     """The label of an axis: what is read, and its unit."""
     return f"{group.observable.title.capitalize()} ({shown_unit(group.observable.unit)})"

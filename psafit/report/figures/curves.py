@@ -149,6 +149,23 @@ def view_of(group: Conditions, curves: Sequence[Curve]) -> View:
     return reading_range(measured, middles, tops)
 
 
+def magnified(
+    group: Conditions, curves: Sequence[Curve], least: float = 0.1
+) -> tuple[Conditions, Sequence[Curve], View | None, str]:
+    """Readings and curves against the first curve, if the others lie within a part `least` of the height of it.
+
+    Returns
+    -------
+    group, curves, view, name
+        The view is that of such a picture, and the name the first curve's; None and empty where all stays as it is.
+    """
+    positive = all((values > 0).all() for values in (readings_of(group), *(c.middle for c in curves)))
+    if len(curves) < 2 or not (positive or group.time_us is not None) or apart(group, curves) >= least:
+        return group, curves, None, ""
+    group, moved = relative(group, curves)
+    return group, moved, relative_view(group, moved), curves[0].name
+
+
 def apart(group: Conditions, curves: Sequence[Curve]) -> float:
     """How far curves lie from the first at most, as a part of the height of their picture."""
     bottom, top, log = view_of(group, curves)
@@ -158,7 +175,7 @@ def apart(group: Conditions, curves: Sequence[Curve]) -> float:
     return max((float(np.abs(gap).max()) for gap in gaps), default=0.0) / height
 
 
-def relative(group: Group, curves: Sequence[Curve]) -> tuple[Group, list[Curve]]:
+def relative(group: Conditions, curves: Sequence[Curve]) -> tuple[Conditions, list[Curve]]:
     """Readings and curves over the first curve, which has to be positive; of a trace their differences from it."""
     first = curves[0]
     traced = group.time_us is not None
@@ -174,13 +191,16 @@ def relative(group: Group, curves: Sequence[Curve]) -> tuple[Group, list[Curve]]
         return replace(c, middle=against(c.middle, first.middle), bands=bands, line=line)
 
     sigma = group.sigma if group.sigma is None or traced else group.sigma / first.middle
-    return replace(group, reading=against(group.reading, first.middle), sigma=sigma), [moved(c) for c in curves]
+    group = replace(group, sigma=sigma)
+    if isinstance(group, Group):
+        group = replace(group, reading=against(group.reading, first.middle))
+    return group, [moved(c) for c in curves]
 
 
-def relative_view(group: Group, curves: Sequence[Curve]) -> View:
+def relative_view(group: Conditions, curves: Sequence[Curve]) -> View:
     """What a picture of that shows: readings and curves; bands may leave it."""
     log = group.time_us is None
-    every = np.concatenate([group.reading, *(c.middle for c in curves)])
+    every = np.concatenate([readings_of(group), *(c.middle for c in curves)])
     return *widened(float(every.min()), float(every.max()), 0.25, log=log), log
 
 

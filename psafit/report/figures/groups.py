@@ -14,8 +14,8 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLoc
 
 from psafit.arrays import FloatArray
 from psafit.experiment import Conditions, Group
-from psafit.report.figures.axes import label, range_label, scale_sweep
-from psafit.report.figures.curves import ROLE_COLOR, Curve, draw_curves, envelope, handles, zero_mark
+from psafit.report.figures.axes import label, range_label, reading_label, scale_sweep
+from psafit.report.figures.curves import ROLE_COLOR, Curve, draw_curves, envelope, handles, magnified, zero_mark
 from psafit.report.figures.sweep import NBSP, Sweep
 from psafit.report.style import BAND, PALETTE, WIDTH, figure_style, new_figure
 
@@ -76,17 +76,21 @@ def group_figure(group: Group, sweep: Sweep, curves: Sequence[Curve], role: str 
 
 
 def groups_figure(groups: Sequence[Conditions], sweeps: Sequence[Sweep], curves: Sequence[Sequence[Curve]]) -> Figure:
-    """All groups side by side, three in a row: a picture that stands alone."""
+    """All groups side by side, three in a row: a picture that stands alone.
+
+    Curves that lie on one another are drawn against the first.
+    """
     columns = min(len(groups), 3)
     rows = math.ceil(len(groups) / columns)
     with figure_style():
         figure = Figure(figsize=(3.7 * columns + 0.3, 2.9 * rows + 0.4), layout="constrained")
         panels = figure.subplots(rows, columns, squeeze=False, gridspec_kw={"hspace": 0.06}).ravel()
         for axes, group, sweep, drawn in zip(panels, groups, sweeps, curves, strict=False):
-            draw_curves(axes, group, sweep, drawn, small=True)
+            shown, lines, view, over = magnified(group, drawn)
+            draw_curves(axes, shown, sweep, lines, small=True, view=view)
             title(axes, group.id, sweep.condition)
             axes.set_xlabel(sweep.label)
-            axes.set_ylabel(range_label(group))
+            axes.set_ylabel(reading_label(group, over and "first model"))
         for axes in panels[len(groups) :]:
             axes.remove()
         measured = any(isinstance(group, Group) for group in groups)

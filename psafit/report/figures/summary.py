@@ -14,16 +14,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
-from psafit.experiment import Group
-from psafit.report.figures.axes import label, range_label, shown_unit
+from psafit.experiment import Conditions
+from psafit.report.figures.axes import label, reading_label
 from psafit.report.figures.curves import (
     Curve,
     View,
-    apart,
     draw_curves,
     handles,
-    relative,
-    relative_view,
+    magnified,
     zero_mark,
 )
 from psafit.report.figures.groups import short
@@ -65,7 +63,7 @@ class Example:
 
     title: str
     color: str
-    group: Group
+    group: Conditions
     sweep: Sweep
     curves: Sequence[Curve]
     view: View | None = None
@@ -74,23 +72,12 @@ class Example:
     @property
     def label(self) -> str:
         """What stands at the upright axis."""
-        if not self.over:
-            return range_label(self.group)
-        o = self.group.observable
-        traced = self.group.time_us is not None
-        how = f"\N{MINUS SIGN} {self.over} ({shown_unit(o.unit)})" if traced else f"/ {self.over}"
-        return f"{o.title.capitalize()} {how}"
+        return reading_label(self.group, self.over)
 
-    def magnified(self, least: float = 0.1) -> Example:
-        """The same against the first curve, if the others lie within a part `least` of the picture's height of it."""
-        curves = self.curves
-        if len(curves) < 2:  # one curve does not lie on another
-            return self
-        positive = all((values > 0).all() for values in (self.group.reading, *(c.middle for c in curves)))
-        if apart(self.group, curves) >= least or not (positive or self.group.time_us is not None):
-            return self
-        group, curves = relative(self.group, curves)
-        return replace(self, group=group, curves=curves, view=relative_view(group, curves), over=self.curves[0].name)
+    def magnified(self) -> Example:
+        """The same against the first curve, where the others lie on it."""
+        group, curves, view, over = magnified(self.group, self.curves)
+        return replace(self, group=group, curves=curves, view=view, over=over) if over else self
 
 
 def draw_factors(axes: Axes, rows: Sequence[Row]) -> None:
