@@ -524,17 +524,22 @@ class Overdamped:
     critical : float, N s/m
         Damping beyond which it is so.
     lag_us : float, us
+    known_us : dict, optional
+        Times, us, that the experiment states for causes that the model lacks, by parameter.
     """
 
     critical: float
     lag_us: float
+    known_us: dict[str, float] | None = dataclasses.field(default=None, metadata=ABSENT)
 
     @property
     def text(self) -> str:
         """The same in words."""
+        each = (f"{name} of {significant(us, 2)} us" for name, us in (self.known_us or {}).items())
+        known = f", such as {' or '.join(each)}, as the experiment states it" if self.known_us else ""
         return (
             f"the stack does not swing, since c_s is beyond critical damping ({significant(self.critical, 2)} N s/m),"
-            f" but lags by c_s/k_s, {significant(self.lag_us, 2)} us, and that may stand for another lag"
+            f" but lags by c_s/k_s, {significant(self.lag_us, 2)} us, and that may stand for another lag{known}"
         )
 
 

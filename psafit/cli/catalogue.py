@@ -35,11 +35,13 @@ def terms(id: str | None, quiet: bool, json_file: Path | None) -> int:
     ID is a cause or a parameter.
     """
     from psafit.inference import noise
+    from psafit.observables import OBSERVABLES
     from psafit.physics import TERMS, baseline, owner, term
     from psafit.simulate.catalogue import declaration, entry
 
     plain = [entry(p) for p in (*baseline.PARAMETERS, *noise.PARAMETERS)]
-    if own := [p for p in plain if p.name == id]:
+    of_scatter = (entry(p) for o in OBSERVABLES for p in o.scatter)
+    if own := [p for p in (*plain, *of_scatter) if p.name == id][:1]:
         write_result(json_file, own)
         if not quiet:
             click.echo("\n".join(_parameter(own[0])))

@@ -18,6 +18,7 @@ from psafit.inference.samplers import sampler
 from psafit.inference.sampling import Chain
 from psafit.observables import OBSERVABLES
 from psafit.parameters import SHARES
+from psafit.physics import TERMS
 from psafit.physics.term import OfSession, Term
 from psafit.records import (
     Fit,
@@ -167,7 +168,10 @@ def overdamped(problem: Problem, entries: Sequence[Summarised]) -> Overdamped | 
     critical = 2.0 * math.sqrt(float(rig.k_s[0] * rig.m[0]))
     if lower is None or lower <= critical:
         return None
-    return Overdamped(critical, 1e6 * float(rig.c_s[0] / rig.k_s[0]))
+    parts = {p.name: p for t in TERMS if t.id not in problem.ids for p in t.parameters if p.unit == "s"}
+    stated = {b.name: b for b in problem.experiment.beliefs if b.prior is not None and b.name in parts}
+    known = {name: 1e6 * parts[name].informed(b).prior_median for name, b in stated.items()}
+    return Overdamped(critical, 1e6 * float(rig.c_s[0] / rig.k_s[0]), known or None)
 
 
 def compared(

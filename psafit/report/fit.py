@@ -62,7 +62,7 @@ REPORT = "report.html"
 _ONE_SIDED = {"bounded above": "no lower limit", "bounded below": "no upper limit"}
 # How the page says whether the fit predicts what it has not seen: the verdict, its colour, and a sentence's beginning.
 _PREDICTS: dict[Predicts, tuple[str, str, str]] = {
-    "not tested": ("not tested", "warn", ""),
+    "not tested": ("no group left to predict", "warn", ""),
     "yes": ("predicts", "good", "Yes: the fit predicts"),
     "not everywhere": (
         "comes near, not everywhere",

@@ -138,6 +138,6 @@ def test_record_and_terminal_say_the_same(capsys: pytest.CaptureFixture[str]) ->
     said = sentences(record, [belief])
     say_diagnosis(record, [belief])
     printed = capsys.readouterr().out
-    assert any("swing_drag (90 %, by [prior])" in text for text in said)
+    assert any("swing_drag (90 % by [prior]" in text for text in said)
     (left,) = (text for text in said if f"  {text}\n" not in printed)
     assert left.startswith("Size, with 90 % interval")  # the terminal has a table of them

@@ -12,6 +12,7 @@ from fits_by_hand import CONSTANTS, make_numerics, make_run
 from psafit.cli.fitting import _say_fit
 from psafit.inference.problem import Problem
 from psafit.inference.summary import by_session, overdamped
+from psafit.parameters import Belief, Normal
 from psafit.physics import terms
 from psafit.records import ParameterSummary, SessionSummary
 
@@ -37,6 +38,18 @@ def test_damping_beyond_the_critical_is_said_to_be_a_lag(tmp_path: Path, capsys:
     first, rest = with_lower(1636.0)[:3], run.summary.parameters[3:]
     mass = replace(first[0], name="modal_mass_ratio", median=0.25)
     assert "(1600 N s/m)" in said(light, [*first, mass, *rest])
+    # What the experiment knows of times is what it may stand for, but of causes that the model has.
+    known = (
+        Belief("amplifier_lag_tau", Normal(6e-5, 1e-5), "a data sheet"),
+        Belief("gap_width", Normal(0.0, 1e-6), "no time"),
+    )
+    informed = replace(run.problem, experiment=replace(run.problem.experiment, beliefs=known))
+    assert said(informed, with_lower(3272.0)).endswith(
+        "another lag, such as amplifier_lag_tau of 60 us, as the experiment states it"
+    )
+    lagging = replace(informed, terms=terms(["amplifier_lag"]))
+    lag = replace(first[0], name="amplifier_lag_tau", median=6e-5)
+    assert said(lagging, [*with_lower(3272.0)[:3], lag, *rest]).endswith("another lag")
 
 
 def test_what_sessions_have_is_said_as_people_know_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

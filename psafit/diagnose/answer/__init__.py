@@ -36,9 +36,10 @@ from psafit.diagnose.answer.worth import CheckFirst, Drafted, Gained, LookAt, Ne
 from psafit.diagnose.gain import Gain
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import Diagnosis
-from psafit.diagnose.record.models import NOT_EXCLUDED, NOT_PRESENT, UNSEEN, CauseResult, ParameterResult
+from psafit.diagnose.record.models import NOT_PRESENT, UNSEEN, CauseResult, ParameterResult
 from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.inference import noise
+from psafit.model_search.visibility import VISIBLE
 from psafit.parameters import Belief, leading_belief
 from psafit.physics import owner
 
@@ -134,12 +135,12 @@ def _named(d: Diagnosis) -> Statement:
 def _rivals(d: Diagnosis) -> Iterator[Rival]:
     """The alternatives, each with how probable it is."""
     probability = {tuple(c.terms): c.probability for c in d.causes}
-    own = probability.get(tuple(d.named))
+    own, odd = probability.get(tuple(d.named)), {tuple(c.terms) for c in d.causes if c.implausible}
     for ids in d.alternatives:
         p = probability.get(tuple(ids))
         # Where a discrepancy takes it all, a share of what is left says nothing.
         shown = None if d.mostly_unnamed else p
-        yield Rival(ids, shown, own / p if own and p else None, ids in d.by_likelihood)
+        yield Rival(ids, shown, own / p if own and p else None, ids in d.by_likelihood, tuple(ids) in odd)
 
 
 def _values(d: Diagnosis) -> Iterator[Statement]:
@@ -196,21 +197,27 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
 
 
 def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> Iterator[Statement]:
-    """The causes that the experiment holds for more than `likely`: those the readings do not show, or speak against."""
-    silent, against, weak = [], [], {id for counted in d.counted for id in counted.terms}
+    """The causes that the experiment holds for more than `likely`: those the readings do not show, or speak against.
+
+    They speak against a cause of which they leave less than would be seen, and which they would have shown.
+    """
+    silent, against = [], []
+    said_of = {id for ids in (d.named, *d.alternatives, *(c.terms for c in d.counted)) for id in ids}
     for s in d.screening:
         said = leading_belief(b for b in beliefs if owner(b.name) == s.id)
-        if s.id in weak or said is None or said.probability is None or said.probability <= likely:
+        if s.id in said_of or said is None or said.probability is None or said.probability <= likely:
             continue
-        by = "[rig]" if said.derived else "[prior]"
-        if s.verdict in (UNSEEN, NO_ACTION, NOT_EXCLUDED):
-            silent.append((s.id, by, said.probability))
-        elif s.verdict == NOT_PRESENT and s.inclusion < 1 - likely:
+        by, unseen = "[rig]" if said.derived else "[prior]", s.verdict in (UNSEEN, NO_ACTION)
+        if not unseen and s.inclusion >= 1 - likely:
+            continue
+        if not unseen and (s.verdict == NOT_PRESENT or (s.left is not None and s.left < VISIBLE)):
             against.append((s.id, by, said.probability, s.inclusion))
+        else:
+            silent.append((s.id, by, said.probability, s.room))
     if silent:
-        yield AtWork(silent)
+        yield AtWork(silent, d.named, d.groups)
     if against:
-        yield Against(against, d.named)
+        yield Against(against, d.named, d.groups)
 
 
 def _named_in(gain: Gain, causes: set[str]) -> list[str]:

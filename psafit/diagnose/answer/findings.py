@@ -15,7 +15,7 @@ from psafit.diagnose.trials import VerdictWord, Why
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.model_search.model_set import CREDIBLE, LookedAt
-from psafit.physics import owner
+from psafit.physics import TERMS, owner
 from psafit.records import Broken, Objection, Overdamped
 from psafit.text import count, fixed, p_text, significant
 
@@ -150,12 +150,15 @@ class Rival:
         By how much it is less probable than what is named.
     by_likelihood : bool
         Whether it is reported only because it fits as well.
+    implausible : bool
+        Whether its values are.
     """
 
     causes: list[str]
     probability: float | None
     times: float | None
     by_likelihood: bool
+    implausible: bool = False
 
 
 @dataclass(frozen=True)
@@ -227,8 +230,12 @@ class Named(Statement):
                 return words.put("{} is most probable, but only by its priors.{}{}{}", what, likely, no, rest)
             held = [id for id in self.causes if all(id in r.causes for r in tied)]
             sure = words.put(", all with {}", words.causes(held)) if held else ""
-            how = "These readings cannot decide between {} sets of causes{}: {}; or {}.{}{}{}"
             rivals = words.joined("; or ", _first(self._in_words(tied, words)))
+            if all(r.times is not None and r.times / (1 + r.times) >= CREDIBLE for r in tied):
+                how = "{} is far more probable than any other set, but is named alone only from {} on. The next{}: {}."
+                sure = sure if len(tied) > 1 else ""
+                return words.put(how + "{}{}{}", what, words.per_cent(CREDIBLE), sure, rivals, likely, no, rest)
+            how = "These readings cannot decide between {} sets of causes{}: {}; or {}.{}{}{}"
             return words.put(how, len(tied) + 1, sure, what, rivals, likely, no, rest)
         if not self.causes:
             looked = "that was looked at" if self.restricted else "of the catalogue"
@@ -253,7 +260,12 @@ class Named(Statement):
         return [
             words.instead(self.causes, r.causes)
             if r.probability is None
-            else words.put("{} ({})", words.instead(self.causes, r.causes), words.share(r.probability))
+            else words.put(
+                "{} ({}{})",
+                words.instead(self.causes, r.causes),
+                words.share(r.probability),
+                ", at implausible values" if r.implausible else "",
+            )
             for r in rivals
         ]
 
@@ -265,7 +277,7 @@ class Named(Statement):
             if r.probability is not None and r.times is not None:
                 how = " (its priors make it {} times less probable: {})"
                 why = words.put(how, words.number(significant(r.times, 2)), words.share(r.probability))
-            found.append(words.put("{} fits as well{}", words.instead(self.causes, r.causes), why))
+            found.append(words.put("{} fits as well or better{}", words.instead(self.causes, r.causes), why))
         return words.put(" By likelihood alone, {}.", words.joined("; ", _first(found))) if found else ""
 
 
@@ -519,17 +531,34 @@ def sized(words: Words, name: str, p: ParameterResult) -> str:
 
 @dataclass(frozen=True)
 class AtWork(Statement):
-    """Causes that are likely before any reading, by which table of the experiment, and how probable they are."""
+    """Causes that are likely before any reading and do not show.
+
+    With the table of the experiment that makes them likely, how probable they are, and how much the readings leave them
+    at most.
+    """
 
     topic = "wrong"
-    causes: list[tuple[str, str, float]]
+    causes: list[tuple[str, str, float, float | None]]
+    named: list[str]
+    groups: list[GroupId]
 
     def say(self, words: Words) -> str:
-        each = (words.put("{} ({}, by {})", words.cause(c), words.per_cent(p), by) for c, by, p in self.causes)
-        return words.put(
-            "Probably at work, by what is known of the rig: {}. These readings say nothing more of it.",
-            words.joined(", ", each),
+        most = (
+            "" if room is None else words.put("; it may change a reading by up to {}", words.fraction(room))
+            for *_, room in self.causes
         )
+        each = (
+            words.put("{} ({} by {}{})", words.cause(c), words.per_cent(p), by, more)
+            for (c, by, p, _), more in zip(self.causes, most, strict=True)
+        )
+        it = "it" if len(self.causes) == 1 else "them"
+        seen = [t for t in TERMS if t.look and t.id == self.causes[0][0]]
+        return words.put(
+            "Probably at work, by what is known of the rig, but not seen in these readings: {}. The values here are"
+            " without {}; those with {} are given by {}.{}",
+            words.joined(", ", each), it, it, fit_command(self.groups, [*self.named, *(c for c, *_ in self.causes)]),
+            words.joined("", (words.put(" Look at {}: that shows {}.", t.look, words.cause(t.id)) for t in seen)),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -539,6 +568,7 @@ class Against(Statement):
     topic = "wrong"
     causes: list[tuple[str, str, float, float]]
     named: list[str]
+    groups: list[GroupId]
 
     def say(self, words: Words) -> str:
         each = (
@@ -547,12 +577,15 @@ class Against(Statement):
             )
             for c, by, before, after in self.causes
         )
-        terms = ",".join([*self.named, *(c for c, *_ in self.causes)])
         return words.put(
-            "The readings speak against what is known of the rig: {}. psafit fit with --terms {} shows what values may"
-            " be left.",
-            words.joined(", ", each), terms,
+            "The readings speak against what is known of the rig: {}. What they leave is shown by {}.",
+            words.joined(", ", each), fit_command(self.groups, [*self.named, *(c for c, *_ in self.causes)]),
         )  # fmt: skip
+
+
+def fit_command(groups: Sequence[GroupId], terms: Sequence[str]) -> str:
+    """Return the command that fits some causes to some groups; EXP stands for the experiment."""
+    return f"psafit fit EXP --group {','.join(map(str, groups))} --terms {','.join(terms)}"
 
 
 @dataclass(frozen=True)

@@ -277,15 +277,20 @@ def zero_mark(drawn: Iterable[tuple[Conditions, Sequence[Curve]]]) -> list[Artis
     return [Line2D([], [], label="zero", **{"markersize": MEASURED["markersize"], **look}) for look in looks[:1]]
 
 
-def handles(curves: Sequence[Curve], *, measured: bool = True, zeros: Sequence[Artist] = ()) -> list[Artist]:
-    """What a legend says of readings, zeros (`zero_mark`) and curves; bands of the first curve only."""
+def handles(
+    curves: Sequence[Curve], *, measured: bool = True, zeros: Sequence[Artist] = (), room: int = 28
+) -> list[Artist]:
+    """What a legend says of readings, zeros (`zero_mark`) and curves; bands of the first curve only.
+
+    A curve's name is cut to `room` letters.
+    """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     found: list[Artist] = [Line2D([], [], **MEASURED, label="measured")] if measured else []
     found += zeros
     found += [
-        Line2D([], [], color=PALETTE[c.color], lw=1.6, ls=DASHES if c.dashed else "-", label=label(c.name, 28))
+        Line2D([], [], color=PALETTE[c.color], lw=1.6, ls=DASHES if c.dashed else "-", label=label(c.name, room))
         for c in curves
     ]
     # Over the other one, the inner band is darker than its own alpha.

@@ -95,8 +95,10 @@ def groups_figure(groups: Sequence[Conditions], sweeps: Sequence[Sweep], curves:
             axes.remove()
         measured = any(isinstance(group, Group) for group in groups)
         zeros = zero_mark(zip(groups, curves, strict=True))
-        entries = handles(curves[0], measured=measured, zeros=zeros)
-        figure.legend(handles=entries, loc="outside lower center", ncols=min(2 * columns, 5))
+        entries = handles(curves[0], measured=measured, zeros=zeros, room=64)
+        # A letter of the legend takes a sixteenth of an inch, and a handle as much as six.
+        fitting = int(16 * figure.get_figwidth() / (6 + max(len(str(e.get_label())) for e in entries)))
+        figure.legend(handles=entries, loc="outside lower center", ncols=min(max(fitting, 1), 5))
     return figure
 
 
