@@ -52,7 +52,7 @@ def posed(where: str, ids: tuple[str, ...]) -> Problem:
 
 def measured(name: str, seed: int, seconds: float) -> bool:
     """Fit, sample, print; whether the chain has converged."""
-    problem, last = posed(*CASES[name]), [Progress(0, 0, 0, False)]
+    problem, last = posed(*CASES[name]), [Progress(steps=0, steps_left=0, chunk=0, converged=False)]
     begun = time.process_time()
     known = [built_up(problem, seed=seed)] if problem.terms else []
     found, draws = sample(problem, known, seed=seed, settings=SampleSettings.of())

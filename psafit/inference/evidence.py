@@ -544,8 +544,11 @@ class Emulated:
     def draw(self, n: int, random: np.random.Generator) -> FloatArray:
         """Draws, some of them from a mixture of Student densities instead."""
         careful = round(self._how.caution * n)
-        chosen = systematic(self._pool.weights, n - careful, random.uniform())
-        return np.concatenate([self._pool.u[chosen], self.mixture.draw(careful, random)])
+        return np.concatenate([self.resampled(n - careful, random), self.mixture.draw(careful, random)])
+
+    def resampled(self, n: int, random: np.random.Generator) -> FloatArray:
+        """Draws of the emulated posterior alone, one of them several times where its weight is large."""
+        return np.asarray(self._pool.u[systematic(self._pool.weights, n, random.uniform())])
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density of such draws."""

@@ -1,13 +1,12 @@
-"""A whole posterior, emulated from importance draws: what a Markov chain strides through between two simulations."""
+"""A whole posterior, emulated from importance draws, and chains in it, which cost no simulation."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.inference.candidate import Candidate
@@ -91,17 +90,9 @@ class Surrogate:
     weights : (n,) array
         What each is worth as a draw of the posterior; some may be zero.
     seed : int
-    strides : sequence of int
-        Numbers of Metropolis steps in the emulated posterior between two in the posterior itself, each as likely as the
-        others: few where the emulator is poor, many where it is good.
-    length : float
-        Of such a step, in the emulated posterior's widths over the root of the number of dimensions (G. O. Roberts, A.
-        Gelman and W. R. Gilks, Ann. Appl. Probab. 7 (1997) 110).
     caution : float
         Share of `everywhere` in it: a polynomial does not follow readings that jump, nor a posterior that few readings
         leave nearly as wide as the prior, and no proposal would leave where it is far too low.
-    tries : int
-        Draws of `everywhere` of which a far stride takes one; none is simulated.
     probes : int
         Draws by which `needed` is counted.
     """
@@ -113,13 +104,10 @@ class Surrogate:
         weights: FloatArray,
         *,
         seed: int,
-        strides: Sequence[int] = (1, 3, 10),
-        length: float = 1.7,
         caution: float = 0.25,
-        tries: int = 64,
         probes: int = 1024,
     ) -> None:
-        self._strides, self._caution, self._tries = tuple(strides), caution, tries
+        self._caution = caution
         problem = candidate.problem
         random = np.random.default_rng([seed, 6])
         modes, self._nearest = separated(candidate)
@@ -136,7 +124,6 @@ class Surrogate:
                 before = laplace_mixture(plateau).around(pool.u, pool.weights, problem.widths)
                 self._parts[k] = part = Emulated(plateau, pool, predicted[own], before, random)
                 mixtures.append(StudentMixture.joined([before, part.mixture], np.ones(2)))
-        self._length = length / math.sqrt(problem.n_dim)
         log_mass = np.array([part.log_evidence for part in self._parts.values()])
         self._log_evidence = float(np.logaddexp.reduce(log_mass))
         mixture = StudentMixture.joined(mixtures, np.exp(log_mass - log_mass.max()))
@@ -145,65 +132,20 @@ class Surrogate:
 
     def _needed(self, u: FloatArray) -> int:
         """How many draws of `everywhere` are worth one of the emulated posterior, from some of them, (n, n_dim)."""
-        weight = self._log_posterior(u, self._nearest(u)) - self.everywhere.log_density(u)
+        weight = self.log_density(u) - self.everywhere.log_density(u)
         weight = np.exp(weight - weight.max())
         return math.ceil(len(u) * np.sum(weight**2) / np.sum(weight) ** 2)
 
-    def wander(self, u: FloatArray, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Take a few steps in the emulated posterior from each row of `u`.
+    def draw(self, n: int, random: np.random.Generator) -> FloatArray:
+        """Draws near the emulated posterior, as a chain in it may begin with; (n, n_dim)."""
+        share = np.exp([part.log_evidence - self._log_evidence for part in self._parts.values()])
+        counts = random.multinomial(n, share / share.sum())
+        each = zip(self._parts.values(), counts.tolist(), strict=True)
+        return random.permutation(np.concatenate([part.resampled(some, random) for part, some in each if some]))
 
-        The steps are reversible in it, so that the end is accepted as a step in the posterior `p` with probability
-        ``p(u') q(u) / p(u) q(u')``, where `q` is the emulated density (J. S. Liu, Monte Carlo Strategies in Scientific
-        Computing, Springer 2001, section 9.4.3: the surrogate transition method). Whatever the emulator is worth, the
-        chain is exact.
-
-        Parameters
-        ----------
-        u : (n, n_dim) array
-        random : Generator
-
-        Returns
-        -------
-        (n, n_dim) array and (n,) array
-            Where the steps end, and ``ln q(u) - ln q(u')``.
-        """
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """Log density, not normalised: each row's emulator, that of its mode, and what reaches everywhere; (n,)."""
         mode = self._nearest(u)
-        begun = self._log_posterior(u, mode)
-        # One kind of step for all, chosen by chance: a fixed order of kinds would not be reversible. From where the
-        # emulated density is far too low, no far end is accepted.
-        if random.uniform() < 0.5:
-            here, ended = self._walked(u, begun, mode, random)
-        else:
-            drawn = self.everywhere.draw(len(u) * self._tries, random)
-            values = self._log_posterior(drawn, self._nearest(drawn))
-            here, ended = self.everywhere.resampled(u, begun, drawn, values, random)
-        with np.errstate(invalid="ignore"):
-            gone = begun - ended
-        return here, np.where(np.isnan(gone), -np.inf, gone)
-
-    def _walked(
-        self, here: FloatArray, log_posterior: FloatArray, mode: NDArray[np.intp], random: np.random.Generator
-    ) -> tuple[FloatArray, FloatArray]:
-        """Where some near Metropolis steps lead, and the emulated log density there."""
-        for _ in range(random.choice(self._strides)):
-            there = here + self._jumps(mode, random.standard_normal(here.shape))
-            on = self._nearest(there)
-            found = self._log_posterior(there, on)
-            # Another mode has other widths: no step of this kind leads back.
-            with np.errstate(invalid="ignore"):
-                accepted = (on == mode) & (np.log(random.uniform(size=len(here))) < found - log_posterior)
-            here, log_posterior = np.where(accepted[:, None], there, here), np.where(accepted, found, log_posterior)
-        return here, log_posterior
-
-    def _jumps(self, mode: NDArray[np.intp], normal: FloatArray) -> FloatArray:
-        """Steps with each mode's own widths; none where no emulator is."""
-        steps = np.zeros_like(normal)
-        for k, part in self._parts.items():
-            steps[mode == k] = self._length * normal[mode == k] @ part.root.T
-        return steps
-
-    def _log_posterior(self, u: FloatArray, mode: NDArray[np.intp]) -> FloatArray:
-        """Log density, not normalised: each row's emulator, that of its mode, and what reaches everywhere."""
         emulated = np.full(len(u), -np.inf)
         for k, part in self._parts.items():
             own = mode == k
@@ -211,3 +153,96 @@ class Surrogate:
                 emulated[own] = part.log_posterior(u[own])
         wide = self._log_evidence + self.everywhere.log_density(u)
         return np.asarray(np.logaddexp(math.log1p(-self._caution) + emulated, math.log(self._caution) + wide))
+
+
+class Companions:
+    """Chains in an emulated posterior, which change places with those in the posterior itself.
+
+    They step by differential evolution among themselves (C. J. F. ter Braak, Stat. Comput. 16 (2006) 239): thousands of
+    steps for the price of one simulation, along ridges however bent. A walker at `u` and a companion at `v` change
+    places with probability ``p(v) q(u) / p(u) q(v)``, where `p` is the posterior and `q` the emulated one. That leaves
+    both densities as they are, as in parallel tempering (C. J. Geyer, Computing Science and Statistics 23 (1991) 156).
+    Whatever the emulator is worth, the chain is exact.
+
+    Parameters
+    ----------
+    surrogate : Surrogate
+    n : int
+        Number of them.
+    random : Generator
+        Draws where they begin.
+    """
+
+    def __init__(self, surrogate: Surrogate, n: int, random: np.random.Generator) -> None:
+        self._log_density = surrogate.log_density
+        self.places = surrogate.draw(n, random)
+        self._values = self._log_density(self.places)
+
+    @property
+    def state(self) -> FloatArray:
+        """Where they are, and the emulated log density there, (n, n_dim + 1)."""
+        return np.column_stack([self.places, self._values])
+
+    @state.setter
+    def state(self, state: FloatArray) -> None:
+        self.places, self._values = state[:, :-1].copy(), state[:, -1].copy()
+
+    def walk(
+        self, random: np.random.Generator, *, shortest: float = 0.1, leaps: float = 0.1, jitter: float = 1e-5
+    ) -> None:
+        """Take one step of each, by differences of two of the other half.
+
+        Parameters
+        ----------
+        random : Generator
+        shortest : float
+            Least length, as a part of what suits a normal density; its logarithm is drawn evenly up to one.
+        leaps : float
+            Share of steps by the whole difference, which lead from mode to mode.
+        jitter : float
+            Standard deviation of what is added, so that no two stay in one place.
+        """
+        n, d = self.places.shape
+        half = np.array_split(random.permutation(n), 2)
+        for own, others in (half, half[::-1]):
+            pair = self.places[others[random.integers(others.size, size=(2, own.size))]]
+            length = 2.38 / math.sqrt(2 * d) * shortest ** random.uniform(size=(own.size, 1))
+            length = np.where(random.uniform(size=(own.size, 1)) < leaps, 1.0, length)
+            step = length * (pair[0] - pair[1]) + jitter * random.standard_normal((own.size, d))
+            there = self.places[own] + step
+            values = self._log_density(there)
+            with np.errstate(invalid="ignore"):
+                taken = own[moved := np.log(random.uniform(size=own.size)) < values - self._values[own]]
+            self.places[taken], self._values[taken] = there[moved], values[moved]
+
+    def exchange(
+        self,
+        u: FloatArray,
+        value: FloatArray,
+        log_posterior: Callable[[FloatArray], FloatArray],
+        random: np.random.Generator,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Let each walker change places with one of them, if that is accepted.
+
+        Parameters
+        ----------
+        u, value : (n, n_dim) and (n,) array
+            Walkers, no more than there are companions, and the log posterior there.
+        log_posterior : callable
+            Of (n, n_dim) coordinates.
+        random : Generator
+
+        Returns
+        -------
+        (n, n_dim) and (n,) array
+            Where the walkers are then.
+        """
+        chosen = random.choice(len(self.places), len(u), replace=False)
+        there, emulated = self.places[chosen], self._log_density(u)
+        found = log_posterior(there)
+        with np.errstate(invalid="ignore"):
+            odds = found - value + emulated - self._values[chosen]
+            moved = np.log(random.uniform(size=len(u))) < odds
+        gone = chosen[moved]
+        self.places[gone], self._values[gone] = u[moved], emulated[moved]
+        return np.where(moved[:, None], there, u), np.where(moved, found, value)

@@ -26,7 +26,7 @@ from psafit.inference.sample import SampleSettings, sample
 from psafit.inference.samplers import emcee as ensembles
 from psafit.inference.samplers.emcee import SAMPLER, History, Settings
 from psafit.inference.sampling import Chain, Target
-from psafit.inference.surrogate import IndependenceProposal
+from psafit.inference.surrogate import Companions, IndependenceProposal
 from psafit.physics import terms
 
 SHORT = Settings(chunk=40, max_steps=80, tuned=30)
@@ -171,8 +171,8 @@ class TwoModes:
         ]
         start = self.proposal(1.0, 1.0).draw(settings.n_walkers, np.random.default_rng(0)) if begin is None else begin
         return ensembles.run(
-            self.log_posterior, lambda random: start, lambda steps: moves, n_dim=2, seed=1, path=path, identity="x",
-            settings=settings,
+            self.log_posterior, lambda random: start, lambda steps: lambda random: moves, n_dim=2, seed=1, path=path,
+            identity="x", settings=settings,
         )  # fmt: skip
 
 
@@ -332,3 +332,60 @@ def test_a_damaged_checkpoint_is_refused(how: str, tmp_path: Path) -> None:
             group["chain"][3, 2, 0] = np.nan
     with pytest.raises(InputError, match="not a chain written by psafit, or damaged"):
         sample(40)
+
+
+class Bent:
+    """A banana in the plane: the second coordinate follows the square of the first."""
+
+    def log_density(self, u: np.ndarray) -> np.ndarray:
+        return -0.5 * (u[:, 0] ** 2 + ((u[:, 1] - u[:, 0] ** 2) / 0.3) ** 2)
+
+    def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
+        """Few places, on one side, each several times."""
+        return np.repeat(random.normal(1.0, 0.2, (n // 10, 2)), 10, axis=0)
+
+
+def test_companions_draw_the_emulated_density() -> None:
+    """From few places on one side of a bent ridge to all of it."""
+    random = np.random.default_rng(1)
+    companions = Companions(Bent(), 500, random)  # type: ignore[arg-type]
+    found = []
+    for k in range(1500):
+        companions.walk(random)
+        if k >= 500 and k % 10 == 0:
+            found.append(companions.places.copy())
+    u = np.concatenate(found)
+    along, across = u[:, 0], (u[:, 1] - u[:, 0] ** 2) / 0.3
+    assert along.mean() == pytest.approx(0.0, abs=0.1) and along.std() == pytest.approx(1.0, abs=0.08)
+    assert across.mean() == pytest.approx(0.0, abs=0.05) and across.std() == pytest.approx(1.0, abs=0.05)
+    again = Companions(Bent(), 500, random)  # type: ignore[arg-type]
+    again.state = companions.state
+    assert np.array_equal(again.places, companions.places)
+    assert again.state[:, -1] == pytest.approx(Bent().log_density(again.places))
+
+
+def test_exchanges_draw_the_posterior_however_poor_the_emulator_is() -> None:
+    """Walkers that move in no other way have its density, not the emulated one, which lies off it."""
+
+    def log_posterior(u: np.ndarray) -> np.ndarray:
+        return -0.5 * (((u - [0.5, 1.0]) / [0.7, 0.5]) ** 2).sum(axis=1)
+
+    random = np.random.default_rng(2)
+    companions = Companions(Bent(), 400, random)  # type: ignore[arg-type]
+    u = np.tile([0.5, 1.0], (40, 1)) + 0.1 * random.standard_normal((40, 2))
+    value, found, moved = log_posterior(u), [], []
+    for k in range(3000):
+        companions.walk(random)
+        before = u
+        u, value = companions.exchange(u, value, log_posterior, random)
+        moved.append((before != u).any(axis=1).mean())
+        if k >= 300:
+            found.append(u)
+    draws = np.concatenate(found)
+    assert np.array_equal(value, log_posterior(u)) and 0.1 < np.mean(moved) < 0.9
+    # Where the emulated density is nothing no companion leads: only the ridge's surroundings can be compared.
+    near = np.abs(draws[:, 1] - draws[:, 0] ** 2) < 0.2
+    exact = np.random.default_rng(3).normal([0.5, 1.0], [0.7, 0.5], (200_000, 2))
+    wanted = exact[np.abs(exact[:, 1] - exact[:, 0] ** 2) < 0.2]
+    assert draws[near].mean(axis=0) == pytest.approx(wanted.mean(axis=0), abs=0.05)
+    assert draws[near].std(axis=0) == pytest.approx(wanted.std(axis=0), rel=0.06)

@@ -6,9 +6,9 @@ Whatever kills the run, consistent chains with their generators' states are ther
 what an undisturbed one would have drawn.
 
 Walkers begin at importance draws. emcee's ensemble moves cannot carry a lone walker out of a mode that no other walker
-shares, and creep along bent ridges. So most moves are strides through the emulated posterior
-(`psafit.inference.surrogate.Surrogate.wander`), and some are independent draws from a fixed density that reaches
-everywhere: see `psafit.inference.surrogate.IndependenceProposal`.
+shares, and creep along bent ridges. So in most moves walkers change places with chains in the emulated posterior
+(`psafit.inference.surrogate.Companions`), and some are independent draws from a fixed density that reaches everywhere:
+see `psafit.inference.surrogate.IndependenceProposal`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 import emcee
 import h5py
@@ -35,7 +36,7 @@ from psafit.files import Refused, read_error, replacing, reserve
 from psafit.inference import store
 from psafit.inference.problem import Problem
 from psafit.inference.sampling import Chain, Progress, SamplerSettings, Target
-from psafit.inference.surrogate import IndependenceProposal, Surrogate
+from psafit.inference.surrogate import Companions, IndependenceProposal, Surrogate
 
 GROUP = "psafit"
 
@@ -64,9 +65,11 @@ class Settings(SamplerSettings):
         steps until then are burn-in, and `tuned` of them at least.
     tuned_by : int
         Such draws, the last.
-    strides, independent : float
-        Shares of the moves that stride through the emulated posterior, and that are independent draws. The others are
-        emcee's: differential evolution, of some coordinates mostly (`PartMove`), and snooker.
+    exchanges, independent : float
+        Shares of the moves that change places with companions, and that are independent draws. The others are emcee's:
+        differential evolution, of some coordinates mostly (`PartMove`), and snooker.
+    companions : int
+        Chains in the emulated posterior with which an ensemble changes places, if it has no more walkers.
     batch : int
         Readings up to which a simulation takes hardly longer than its call.
     """
@@ -79,8 +82,9 @@ class Settings(SamplerSettings):
     r_hat: float = 1.01
     tuned: int = 150
     tuned_by: int = 1500
-    strides: float = 0.6
+    exchanges: float = 0.6
     independent: float = 0.1
+    companions: int = 500
     batch: int = 1000
 
     def tuned_at(self, steps: int) -> int:
@@ -133,6 +137,23 @@ class ResampledMove(emcee.moves.Move):  # type: ignore[misc]
         return self.update(state, emcee.State(u, log_prob=value), moved), moved
 
 
+class ExchangeMove(emcee.moves.Move):  # type: ignore[misc]
+    """Companions take a step, and change places with walkers."""
+
+    def __init__(self, companions: Companions) -> None:
+        self.companions = companions
+
+    def propose(self, model: Any, state: emcee.State) -> tuple[emcee.State, NDArray[np.bool_]]:
+        """Move all walkers; as emcee asks for it."""
+        random = _generator(model.random)
+        self.companions.walk(random)
+        u, value = self.companions.exchange(
+            state.coords, state.log_prob, lambda there: np.asarray(model.compute_log_prob_fn(there)[0]), random
+        )
+        moved = (u != state.coords).any(axis=1)
+        return self.update(state, emcee.State(u, log_prob=value), moved), moved
+
+
 class PartMove(emcee.moves.DEMove):  # type: ignore[misc]
     """Differential evolution of some coordinates, the others as they are.
 
@@ -174,9 +195,12 @@ def tuned(target: Target, settings: Settings, steps: FloatArray) -> Surrogate:
     return Surrogate(target.found, u, weights, seed=target.seed)
 
 
-def moves(surrogate: Surrogate, settings: Settings, n_readings: int) -> list[tuple[emcee.moves.Move, float]]:
-    """The moves of a run, each with its share."""
-    own = 1 - settings.strides - settings.independent
+def moves(
+    surrogate: Surrogate, settings: Settings, n_readings: int, random: np.random.Generator
+) -> list[tuple[emcee.moves.Move, float]]:
+    """The moves of an ensemble, each with its share."""
+    own = 1 - settings.exchanges - settings.independent
+    companions = Companions(surrogate, max(settings.companions, settings.n_walkers), random)
     # As many tries as are worth a draw of the posterior; but together no more sets than the other moves simulate,
     # unless they are so few readings that these cost hardly more than the call.
     as_others = int((1 - settings.independent) / settings.independent)
@@ -186,17 +210,8 @@ def moves(surrogate: Surrogate, settings: Settings, n_readings: int) -> list[tup
         (emcee.moves.DEMove(gamma0=1.0), 0.1 * own),
         (emcee.moves.DESnookerMove(), 0.3 * own),
         (ResampledMove(surrogate.everywhere, tries), settings.independent),
-        (move_of(surrogate.wander), settings.strides),
+        (ExchangeMove(companions), settings.exchanges),
     ]
-
-
-def move_of(propose: Callable[[FloatArray, np.random.Generator], tuple[FloatArray, FloatArray]]) -> emcee.moves.MHMove:
-    """A move of emcee's that draws from a modern generator."""
-
-    def move(u: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        return propose(u, _generator(random))
-
-    return emcee.moves.MHMove(move)
 
 
 def _generator(random: np.random.RandomState) -> np.random.Generator:
@@ -274,7 +289,7 @@ class History:
 class Emcee:
     """Ensembles of walkers, each with its own seed, until their rule is met."""
 
-    about = "emcee: strides through the emulated posterior, independent draws, differential evolution"
+    about = "emcee: exchanges with the emulated posterior, independent draws, differential evolution"
     libraries = ("emcee",)
     chained = checked = True
 
@@ -288,7 +303,7 @@ class Emcee:
         return run(
             problem.log_posterior,
             lambda random: target.draws.distinct(settings.n_walkers, random),
-            lambda steps: moves(tuned(target, settings, steps), settings, problem.observed.size),
+            lambda steps: partial(moves, tuned(target, settings, steps), settings, problem.observed.size),
             n_dim=problem.n_dim,
             seed=target.seed,
             path=target.path,
@@ -315,7 +330,7 @@ SAMPLER = Emcee()
 def run(
     log_posterior: Callable[[FloatArray], FloatArray],
     begin: Callable[[np.random.Generator], FloatArray],
-    moves: Callable[[FloatArray], Sequence[tuple[emcee.moves.Move, float]]],
+    moves: Callable[[FloatArray], Callable[[np.random.Generator], _Moves]],
     *,
     n_dim: int,
     seed: int,
@@ -334,7 +349,8 @@ def run(
     begin : callable
         Takes a generator and returns where the walkers of an ensemble start, (n_walkers, n_dim).
     moves : callable
-        Takes the steps by which moves are tuned, (n_steps, n_all, n_dim), and returns emcee's moves with their shares.
+        Takes the steps by which moves are tuned, (n_steps, n_all, n_dim), and returns what makes an ensemble's moves
+        with their shares, by a generator. Places of the companions among them are a part of the checkpoint.
     n_dim, seed : int
     path : Path
         HDF5 checkpoint (`emcee.backends.HDFBackend` reads it).
@@ -357,8 +373,10 @@ def run(
     """
     shape = settings.n_walkers, n_dim
     backends = [emcee.backends.Backend() for _ in range(settings.ensembles)]
+    kept: list[FloatArray] = []
+    tuned_at = -1
     if path.exists():
-        _resume(backends, path, identity, shape)
+        kept, tuned_at = _resume(backends, path, identity, shape)
     else:
         for backend in backends:
             backend.reset(*shape)
@@ -366,7 +384,7 @@ def run(
         states = [backend.get_last_sample() for backend in backends]
     else:
         states = [_begun(begin, seed, k) for k in range(settings.ensembles)]
-    chosen, tuned_at = None, -1
+    chosen: list[_Moves] = []
     with _interruptible() as stop_if_asked:
         while True:
             done = backends[0].iteration
@@ -375,17 +393,37 @@ def run(
                 progress(_progress(chain, done, settings))
                 if chain.converged or done >= settings.max_steps or chain.highest_log_posterior > ceiling:
                     return chain
-            if chosen is None or tuned_at != settings.tuned_at(done):
+            if not chosen or tuned_at != settings.tuned_at(done):
+                known = kept if tuned_at == settings.tuned_at(done) else []
                 tuned_at = settings.tuned_at(done)
-                chosen = list(moves(History.of(backends).chain[:tuned_at] if tuned_at else np.empty((0, 1, n_dim))))
+                made = moves(History.of(backends).chain[:tuned_at] if tuned_at else np.empty((0, 1, n_dim)))
+                chosen = _chosen(made, [seed, tuned_at], settings.ensembles, known)
             for k, backend in enumerate(backends):
-                sampler = emcee.EnsembleSampler(*shape, log_posterior, vectorize=True, backend=backend, moves=chosen)
+                sampler = emcee.EnsembleSampler(*shape, log_posterior, vectorize=True, backend=backend, moves=chosen[k])
                 n = settings.until(done) - done
                 for state in sampler.sample(states[k], iterations=n, skip_initial_state_check=True):
                     states[k] = state
                     stop_if_asked()
-            _checkpoint(backends, path, identity)
+            _checkpoint(backends, path, identity, [own.state for own in _companions(chosen)], tuned_at)
             stop_if_asked()
+
+
+_Moves: TypeAlias = Sequence[tuple[emcee.moves.Move, float]]
+
+
+def _chosen(
+    made: Callable[[np.random.Generator], _Moves], seed: list[int], ensembles: int, kept: Sequence[FloatArray]
+) -> list[_Moves]:
+    """The moves of each ensemble; companions go on from the states that were kept, if there are any."""
+    chosen = [made(np.random.default_rng([*seed, k])) for k in range(ensembles)]
+    for own, state in zip(_companions(chosen), kept, strict=bool(kept)):
+        own.state = state
+    return chosen
+
+
+def _companions(chosen: Sequence[_Moves]) -> list[Companions]:
+    """The companions among the moves of all ensembles."""
+    return [move.companions for own in chosen for move, _ in own if isinstance(move, ExchangeMove)]
 
 
 def _begun(begin: Callable[[np.random.Generator], FloatArray], seed: int, ensemble: int) -> emcee.State:
@@ -469,12 +507,19 @@ def steps_left(kept: int, tau: float, r_hat: float, settings: Settings) -> int:
     return settings.chunk * max(math.ceil((wanted - kept) / settings.chunk), 1)
 
 
-def _checkpoint(backends: Sequence[emcee.backends.Backend], path: Path, identity: str) -> None:
+def _checkpoint(
+    backends: Sequence[emcee.backends.Backend],
+    path: Path,
+    identity: str,
+    companions: Sequence[FloatArray],
+    tuned_at: int,
+) -> None:
     """Write the chains where `emcee.backends.HDFBackend(path, name="psafit")` finds them, in one step."""
     history, n_steps = History.of(backends), backends[0].iteration
     with replacing(path) as temporary:
         # Its chunks are allocated whole; the rest is names and the generators' states.
-        reserve(temporary, 2 * (history.chain.nbytes + history.log_prob.nbytes) + store.HDF5_FRAME)
+        size = history.chain.nbytes + history.log_prob.nbytes + sum(own.nbytes for own in companions)
+        reserve(temporary, 2 * size + store.HDF5_FRAME)
         stored = emcee.backends.HDFBackend(str(temporary), name=GROUP)
         stored.reset(*history.chain.shape[1:])
         stored.grow(n_steps, None)
@@ -485,25 +530,36 @@ def _checkpoint(backends: Sequence[emcee.backends.Backend], path: Path, identity
             group["log_prob"][:] = history.log_prob
             group["accepted"][:] = history.accepted
             group.attrs["iteration"] = n_steps
+            group["companions"] = np.array(companions)
+            group.attrs["tuned_at"] = tuned_at
             for k, backend in enumerate(backends):
                 for i, part in enumerate(backend.random_state):
                     group.attrs[f"random_state_{i}" if k == 0 else f"random_state_{i}_of_{k}"] = part
 
 
-def _resume(backends: Sequence[emcee.backends.Backend], path: Path, identity: str, shape: tuple[int, int]) -> None:
-    """Fill empty back-ends from a checkpoint of the same run; `shape` is (n_walkers, n_dim)."""
+def _resume(
+    backends: Sequence[emcee.backends.Backend], path: Path, identity: str, shape: tuple[int, int]
+) -> tuple[list[FloatArray], int]:
+    """Fill empty back-ends from a checkpoint of the same run; `shape` is (n_walkers, n_dim).
+
+    Returns
+    -------
+    list of arrays, int
+        The state of each ensemble's companions, and after how many steps their moves were tuned.
+    """
     try:
         with h5py.File(path, "r") as f:
             found, group = str(f.attrs["identity"]), f[GROUP]
-            n_steps = int(group.attrs["iteration"])
-            arrays = [np.asarray(group[name]) for name in ("chain", "log_prob", "accepted")]
+            n_steps, tuned_at = (int(group.attrs[name]) for name in ("iteration", "tuned_at"))
+            arrays = [np.asarray(group[name]) for name in ("chain", "log_prob", "accepted", "companions")]
             states = [
                 tuple(group.attrs[f"random_state_{i}" if k == 0 else f"random_state_{i}_of_{k}"] for i in range(5))
                 for k in range(len(backends))
             ]
         n_all = len(backends) * shape[0]
         wanted = [(n_steps, n_all, shape[1]), (n_steps, n_all), (n_all,)]
-        if n_steps < 1 or [a.shape for a in arrays] != wanted:
+        companions = arrays[3].shape[::2] in ((len(backends), shape[1] + 1), (0,))
+        if n_steps < 1 or [a.shape for a in arrays[:3]] != wanted or not companions:
             raise ValueError(f"chains of shape {arrays[0].shape}")
         if not all(np.isfinite(a).all() for a in arrays):
             raise ValueError("values that are not finite")
@@ -523,6 +579,7 @@ def _resume(backends: Sequence[emcee.backends.Backend], path: Path, identity: st
             "choose another --out, or move it elsewhere to draw anew",
             file=path,
         )
+    return list(arrays[3]), tuned_at
 
 
 def _read(path: Path, n_dim: int, values: int) -> tuple[int, int, History] | None:
