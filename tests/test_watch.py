@@ -104,7 +104,8 @@ def test_a_long_chain_is_thinned(running: Path) -> None:
     whole = watch.look(running)
     part = watch.look(running, values=60 * 64 * 6 // 3)
     assert part.steps == 60 and part.acceptance == pytest.approx(whole.acceptance)
-    assert part.autocorrelation_time == pytest.approx(whole.autocorrelation_time, rel=0.8)
+    # Of every third step no shorter time can be seen.
+    assert part.autocorrelation_time == pytest.approx(max(whole.autocorrelation_time, 3.0), rel=0.8)
 
 
 def test_a_file_that_is_written_is_neither_locked_nor_trusted(running: Path) -> None:

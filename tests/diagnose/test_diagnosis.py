@@ -178,7 +178,7 @@ def test_only_the_causes_asked_for_are_looked_at(tmp_path):
     data = replace(experiment(n=8), beliefs=(short,))
     asked = {"quick": True, "catalogue": FEW[:2], "settings": replace(LITTLE, simulated=49)}
     found = diagnose(data, ["a"], tmp_path, **asked)
-    assert any("amplifier_lag (95 %, by [prior])" in text for text in found.sentences)
+    assert any("amplifier_lag (95 % by [prior]" in text for text in found.sentences)
     assert found.sentences == sentences(found, data.beliefs)
     assert [s.id for s in found.screening] and {s.id for s in found.screening} == {t.id for t in FEW[:2]}
     assert found.left_out == [t.id for t in TERMS if t not in FEW[:2]]
