@@ -170,3 +170,25 @@ def test_a_planned_group_of_a_measured_session_is_of_that_session(known: Experim
 
 def _planned(g: Group) -> Conditions:
     return Conditions(g.id, g.drive, g.file, g.frequency_hz, g.amplitude_v, session=g.session)
+
+
+def test_a_session_named_by_a_group_is_called_a_session(known: Experiment) -> None:
+    """Group 3 was measured with group 1, group 2 by itself."""
+    groups = (*known.groups[:2], replace(known.groups[2], session=1))
+    problem = Problem(replace(known, groups=groups), (1, 2, 3))
+    assert [problem.shared_session(g) for g in groups] == [1, None, 1]
+
+
+def test_what_sessions_have_by_two_causes_is_drawn_for_each(known: Experiment) -> None:
+    plan = Plan(RIG, known.groups, ())
+    given = {"session_lean_offset": 3e-3, "reading_gain_spread": 0.1}
+    drawn = completed(plan, terms(["session_lean", "reading_gain"]), given, {}, seed=3)
+    assert len({value for name, value in drawn.items() if "_z_" in name}) == 6
+
+
+def test_another_session_of_the_same_name_is_not_known(known: Experiment) -> None:
+    """A plan that says another session of the very readings means another."""
+    (first, *_), (gain,) = in_one_session(known).groups, terms(["reading_gain"])
+    medians = {"reading_gain_z_monday": 1.5, "reading_gain_z_tuesday": -1.0}
+    plan = Plan(RIG, (replace(first, session="tuesday"),), ())
+    assert of_sessions(plan, (gain,), medians, [first], True) == {"reading_gain_z_monday": 1.5}

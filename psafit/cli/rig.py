@@ -107,7 +107,7 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
     from psafit.diagnose.isolability import IsolabilitySettings, isolability
     from psafit.experiment import read_plan
     from psafit.observables import OBSERVABLES
-    from psafit.physics import TERMS, informed
+    from psafit.physics import TERMS, informed, informed_scatter
     from psafit.physics.term import idle
     from psafit.progress import watcher
 
@@ -115,11 +115,14 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
         raise InputError("is no kind of picture psafit writes", f"end its name in {' or '.join(PICTURES)}", file=plot)
     read = read_plan(folder)
     _, terms = informed(read.beliefs, TERMS)
+    names = {b.name for b in read.beliefs if b.prior is not None}
+    known = (p for o in OBSERVABLES for p in informed_scatter(read.beliefs, o))
+    scatter = {p.name: p.prior_median for p in known if p.name in names}
     with watcher(quiet) as show:
         show.stage("isolability")
         found = isolability(
             read.title, read.constants, read.groups, read.limits, terms,
-            settings=IsolabilitySettings(beliefs=read.beliefs),
+            settings=IsolabilitySettings(stated=scatter),
             progress=lambda k, n: show.update(k, n, "blocks of confounded causes"),
         )  # fmt: skip
     if plot is not None:

@@ -422,14 +422,14 @@ def completed(
 
     plain, chosen = informed(plan.beliefs, chosen)
     wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, p.prior_median) for p in plain}
-    sessions = sessions_of(plan.groups)
+    sessions, random = sessions_of(plan.groups), np.random.default_rng(None if seed is None else [seed, 1])
     for term in chosen:
         for p in term.parameters:
             wanted[p.name] = (p, None if p is term.strength else p.prior_median)
         if term.latent:
             own = np.zeros(len(sessions))
             if seed is not None:
-                shares = np.random.default_rng([seed, 1]).uniform(size=len(sessions))
+                shares = random.uniform(size=len(sessions))
                 own = term.latent.to_physical(term.latent.prior_quantile(shares))
             names = [session_name(term.latent.name, s) for s in sessions]
             wanted |= {name: (term.latent, float(z)) for name, z in zip(names, own, strict=True)}

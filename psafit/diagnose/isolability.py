@@ -36,8 +36,6 @@ from psafit.experiment import Constants
 from psafit.experiment.records import Conditions
 from psafit.inference import noise
 from psafit.observables import LAUNCH_RANGE, NUMBERED, OBSERVABLES
-from psafit.parameters import Belief
-from psafit.physics import informed_scatter
 from psafit.physics.term import Term
 from psafit.records import ABSENT
 from psafit.simulate import Design, readings, simulate
@@ -66,8 +64,8 @@ class IsolabilitySettings:
         Of the simulator, which slopes by differences need.
     trace : TraceSettings
         Of a further trace that is tried.
-    beliefs : tuple of Belief
-        What is known of the rig; what they say of the scatter takes the place of the usual one.
+    stated : dict
+        What is known of the scatter, by parameter, in its unit; takes the place of what is usual.
     """
 
     apart: float = 3.0
@@ -78,16 +76,15 @@ class IsolabilitySettings:
     readings: tuple[int, ...] = (4, 8, 16)
     tolerance: float = 1e-9
     trace: TraceSettings = field(default_factory=TraceSettings)
-    beliefs: tuple[Belief, ...] = ()
+    stated: dict[str, float] = field(default_factory=dict)
 
     def scatter(self, design: Design) -> FloatArray:
         """The scatter of each reading, (1, 3 or 4, n_points), as `psafit.inference.noise.scale` takes it."""
-        known = [informed_scatter(self.beliefs, o) for o in OBSERVABLES]
-        usual = {k: np.array([[p.prior_median for p in own]]) for k, own in enumerate(known)}
-        k, stated = OBSERVABLES.index(LAUNCH_RANGE), {b.name for b in self.beliefs}
-        for i, value in enumerate((self.relative, self.absolute)):
-            if known[k][i].name not in stated:
-                usual[k][0, i] = value
+        relative, absolute, _ = LAUNCH_RANGE.scatter
+        known = {relative.name: self.relative, absolute.name: self.absolute} | self.stated
+        usual = {
+            k: np.array([[known.get(p.name, p.prior_median) for p in o.scatter]]) for k, o in enumerate(OBSERVABLES)
+        }
         return noise.by_reading(usual, design)
 
 

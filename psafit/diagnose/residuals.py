@@ -218,10 +218,10 @@ def _spanned(columns: FloatArray) -> FloatArray:
 
 
 def shared(problem: Problem) -> dict[Variable, list[NDArray[np.intp]]]:
-    """Rows of the design at which several groups that sweep the same variable meet, by that variable.
+    """Rows of the design at which sweeps of the same variable meet that were measured in several sessions.
 
-    A row a group. Values meet that are nearer to each other than half the least step of any of these sweeps; where none
-    has a step, equal ones.
+    By that variable, a row a session. Values meet that are nearer to each other than half the least step of any of
+    these sweeps; where none has a step, equal ones.
     """
     ordered: dict[tuple[Variable, int], list[NDArray[np.intp]]] = {}
     for _, variable, rows in sweeps(problem):
@@ -229,13 +229,13 @@ def shared(problem: Problem) -> dict[Variable, list[NDArray[np.intp]]]:
             ordered.setdefault((variable, int(problem.design.measured[rows[0]])), []).append(rows)
     found: dict[Variable, list[NDArray[np.intp]]] = {}
     for (variable, _), groups in ordered.items():
-        value, group = problem.design.swept(variable), problem.design.group
+        value, session = problem.design.swept(variable), problem.design.session
         steps = np.concatenate([np.diff(np.unique(value[rows])) for rows in groups])
         rows = np.concatenate(groups)
         rows = rows[np.argsort(value[rows], kind="stable")]
         step = 0.5 * steps.min() if steps.size else np.finfo(float).tiny
         apart = np.flatnonzero(np.diff(value[rows]) >= step) + 1
-        meeting = [part[np.unique(group[part], return_index=True)[1]] for part in np.split(rows, apart)]
+        meeting = [part[np.unique(session[part], return_index=True)[1]] for part in np.split(rows, apart)]
         if meeting := [part for part in meeting if part.size > 1]:
             found.setdefault(variable, []).extend(meeting)
     return found

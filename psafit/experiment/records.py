@@ -323,9 +323,9 @@ def read_as(groups: Sequence[Conditions], reading: FloatArray) -> tuple[Group, .
 
 
 def is_one_of(group: Conditions, measured: Iterable[Group]) -> bool:
-    """Whether a group is one of those measured, by its id and its very readings."""
-    known = {(g.id, g.reading.tobytes()) for g in measured}
-    return isinstance(group, Group) and (group.id, group.reading.tobytes()) in known
+    """Whether a group is one of those measured, by its id, its session and its very readings."""
+    known = {(str(g.id), str(g.session_id), g.reading.tobytes()) for g in measured}
+    return isinstance(group, Group) and (str(group.id), str(group.session_id), group.reading.tobytes()) in known
 
 
 def known_sessions(groups: Iterable[Conditions], measured: Sequence[Group]) -> frozenset[str]:

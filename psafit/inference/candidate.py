@@ -423,7 +423,7 @@ def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> tuple
     slope = slopes(problem, u[None], predicted[None])[0]
     rows, widths = [np.empty((0, u.size))], [np.empty(0)]
     for k in np.flatnonzero(~slope.any(axis=1)).tolist():
-        place = places_along(problem, u, k)
+        place = np.unique(places_along(problem, u, k))
         moved = np.repeat(u[None], place.size, axis=0)
         moved[:, k] = place
         rows.append(moved)

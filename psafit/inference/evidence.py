@@ -521,7 +521,6 @@ class Emulated:
         a = np.vstack([root * features * scale, 0.1 * np.eye(scale.size)])
         y = np.vstack([root * target, np.zeros_like(start)])
         self._coefficients = start + scale[:, None] * np.linalg.lstsq(a, y, rcond=None)[0]
-        self.root = np.linalg.cholesky(covariance)
         width = candidate.problem.widths
         first = before.around(pool.u, pool.weights, width)
 

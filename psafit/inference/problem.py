@@ -120,6 +120,12 @@ class Problem:
         """The sessions that some groups of the experiment were measured in, as their design numbers them."""
         return sessions_of(map(self.experiment.group, group_ids))
 
+    def shared_session(self, group: Group) -> GroupId | None:
+        """The session of a group, if it has a name or other groups of the experiment were measured in it; else None."""
+        others = (g for g in self.experiment.groups if g.id != group.id)
+        shared = group.session is not None or any(str(g.session_id) == str(group.id) for g in others)
+        return group.session_id if shared else None
+
     @cached_property
     def _latents(self) -> tuple[Parameter, ...]:
         return tuple(

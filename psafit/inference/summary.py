@@ -114,7 +114,7 @@ def summarise(
 def _sessions(problem: Problem, rows: FloatArray) -> Iterator[SessionSummary]:
     for term, of, group, values in by_session(problem, rows):
         median, low, high = np.quantile(values, [0.5, 0.05, 0.95]).tolist()
-        yield SessionSummary(term.id, group.id, of.title, of.unit, median, low, high, group.session)
+        yield SessionSummary(term.id, group.id, of.title, of.unit, median, low, high, problem.shared_session(group))
 
 
 def by_session(problem: Problem, rows: FloatArray) -> Iterator[tuple[Term, OfSession, Group, FloatArray]]:
@@ -169,7 +169,8 @@ def overdamped(problem: Problem, entries: Sequence[Summarised]) -> Overdamped | 
     if lower is None or lower <= critical:
         return None
     parts = {p.name: p for t in TERMS if t.id not in problem.ids for p in t.parameters if p.unit == "s"}
-    stated = {b.name: b for b in problem.experiment.beliefs if b.prior is not None and b.name in parts}
+    beliefs = (b for b in problem.experiment.beliefs if b.probability is None or b.probability > 0.5)
+    stated = {b.name: b for b in beliefs if b.prior is not None and b.name in parts}
     known = {name: 1e6 * parts[name].informed(b).prior_median for name, b in stated.items()}
     return Overdamped(critical, 1e6 * float(rig.c_s[0] / rig.k_s[0]), known or None)
 

@@ -137,11 +137,12 @@ class Surrogate:
         return math.ceil(len(u) * np.sum(weight**2) / np.sum(weight) ** 2)
 
     def draw(self, n: int, random: np.random.Generator) -> FloatArray:
-        """Draws near the emulated posterior, as a chain in it may begin with; (n, n_dim)."""
+        """Draws near its density, as a chain in it may begin with; (n, n_dim)."""
         share = np.exp([part.log_evidence - self._log_evidence for part in self._parts.values()])
-        counts = random.multinomial(n, share / share.sum())
-        each = zip(self._parts.values(), counts.tolist(), strict=True)
-        return random.permutation(np.concatenate([part.resampled(some, random) for part, some in each if some]))
+        wide, *counts = random.multinomial(n, [self._caution, *(1 - self._caution) * share / share.sum()]).tolist()
+        each = zip(self._parts.values(), counts, strict=True)
+        found = [part.resampled(some, random) for part, some in each if some]
+        return random.permutation(np.concatenate([self.everywhere.draw(wide, random), *found]))
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density, not normalised: each row's emulator, that of its mode, and what reaches everywhere; (n,)."""
@@ -158,11 +159,11 @@ class Surrogate:
 class Companions:
     """Chains in an emulated posterior, which change places with those in the posterior itself.
 
-    They step by differential evolution among themselves (C. J. F. ter Braak, Stat. Comput. 16 (2006) 239): thousands of
-    steps for the price of one simulation, along ridges however bent. A walker at `u` and a companion at `v` change
-    places with probability ``p(v) q(u) / p(u) q(v)``, where `p` is the posterior and `q` the emulated one. That leaves
-    both densities as they are, as in parallel tempering (C. J. Geyer, Computing Science and Statistics 23 (1991) 156).
-    Whatever the emulator is worth, the chain is exact.
+    They step by differential evolution among themselves (C. J. F. ter Braak, Stat. Comput. 16 (2006) 239), which costs
+    no simulation, along ridges however bent. A walker at `u` and a companion at `v` change places with probability
+    ``p(v) q(u) / p(u) q(v)``, where `p` is the posterior and `q` the emulated one. That leaves both densities as they
+    are, as in parallel tempering (C. J. Geyer, Computing Science and Statistics 23 (1991) 156). Whatever the emulator
+    is worth, the chain is exact.
 
     Parameters
     ----------
@@ -171,12 +172,16 @@ class Companions:
         Number of them.
     random : Generator
         Draws where they begin.
+    steps : int
+        Taken before any exchange: only companions that have the emulated density leave the posterior as it is.
     """
 
-    def __init__(self, surrogate: Surrogate, n: int, random: np.random.Generator) -> None:
+    def __init__(self, surrogate: Surrogate, n: int, random: np.random.Generator, *, steps: int = 50) -> None:
         self._log_density = surrogate.log_density
         self.places = surrogate.draw(n, random)
         self._values = self._log_density(self.places)
+        for _ in range(steps):
+            self.walk(random)
 
     @property
     def state(self) -> FloatArray:

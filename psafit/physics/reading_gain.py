@@ -3,11 +3,11 @@ r"""Sessions that read with different gains.
 .. math:: L_\mathrm{read} = L\, e^{s z_g}, \qquad z_g \sim \mathcal N(0, 1).
 
 Each session hangs the ball and aims the laser anew: an angle :math:`\theta` between beam and motion reads
-:math:`\cos\theta`, an impact off the ball's centre sends part of it sideways, a decoder has a calibration. Assumed:
-one gain for a whole session (a group of the experiment), whose spread `s` is to be found; a gain common to all is not
-this cause. Where a drive's amplitude differs by session, whole sessions lie above or below, too: a voltmeter at the
-stack distinguishes the two. One instrument reads the ball's motion in a session: ranges, speeds and traces of the ball
-have the same gain; contact times and forces have none.
+:math:`\cos\theta`, an impact off the ball's centre sends part of it sideways, a decoder has a calibration. Assumed: one
+gain for a whole session (a group of the experiment, or several that name it), whose spread `s` is to be found; a gain
+common to all is not this cause. Where a drive's amplitude differs by session, whole sessions lie above or below, too: a
+voltmeter at the stack distinguishes the two. One instrument reads the ball's motion in a session: ranges, speeds and
+traces of the ball have the same gain; contact times and forces have none.
 """
 
 from __future__ import annotations

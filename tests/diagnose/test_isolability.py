@@ -18,7 +18,6 @@ from psafit.drives import Drive, Table
 from psafit.experiment import Conditions, Experiment, read_as
 from psafit.inference.problem import Problem
 from psafit.observables import CONTACT_TIME, DISPLACEMENT, OBSERVABLES, OF_LAUNCHES, PEAK_FORCE, VELOCITY, Observable
-from psafit.parameters import Belief, LogNormal
 from psafit.physics import terms
 from psafit.report.figures.isolability import isolability_figure
 from psafit.simulate import Design
@@ -279,11 +278,8 @@ def test_pairs_that_look_like_one_cause_are_drawn_on_their_side(found):
 
 def test_what_is_known_of_the_scatter_is_what_a_plan_counts_by():
     design = Design.of(experiment().constants, (*experiment().groups, traced(VELOCITY, 4)))
-    known = (
-        Belief("sigma_rel", LogNormal(0.01, 1.2), "a camera"),
-        Belief("sigma_abs_velocity", LogNormal(0.7, 1.2), "a laser"),
-    )
-    usual, stated = IsolabilitySettings().scatter(design)[0], IsolabilitySettings(beliefs=known).scatter(design)[0]
+    known = {"sigma_rel": 0.01, "sigma_abs_velocity": 0.7}
+    usual, stated = IsolabilitySettings().scatter(design)[0], IsolabilitySettings(stated=known).scatter(design)[0]
     assert np.unique(stated[0, ~design.traced]) == pytest.approx([0.01])
     assert np.unique(stated[1, design.traced]) == pytest.approx([0.7])
     assert np.array_equal(stated[1, ~design.traced], usual[1, ~design.traced])

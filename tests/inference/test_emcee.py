@@ -389,3 +389,35 @@ def test_exchanges_draw_the_posterior_however_poor_the_emulator_is() -> None:
     wanted = exact[np.abs(exact[:, 1] - exact[:, 0] ** 2) < 0.2]
     assert draws[near].mean(axis=0) == pytest.approx(wanted.mean(axis=0), abs=0.05)
     assert draws[near].std(axis=0) == pytest.approx(wanted.std(axis=0), rel=0.06)
+
+
+class Wide:
+    """Three quarters of a normal density in the plane, and a quarter that is four times as wide, drawn exactly."""
+
+    def log_density(self, u: np.ndarray) -> np.ndarray:
+        squares = (u**2).sum(axis=1)
+        return np.logaddexp(np.log(0.75) - squares / 2, np.log(0.25 / 16) - squares / 32)
+
+    def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
+        return np.where(random.uniform(size=(n, 1)) < 0.25, 4.0, 1.0) * random.standard_normal((n, 2))
+
+
+def test_exchanges_leave_the_posterior_as_it_is_from_the_first_step() -> None:
+    """A lobe that only the wide part of the emulated density reaches keeps its share of walkers that begin rightly."""
+
+    def log_posterior(u: np.ndarray) -> np.ndarray:
+        lobe = ((u - [5.0, 0.0]) ** 2).sum(axis=1)
+        return np.logaddexp(np.log(0.8) - (u**2).sum(axis=1) / 2, np.log(0.2) - lobe / 2)
+
+    shares = []
+    for seed in range(12):
+        random = np.random.default_rng(seed)
+        companions = Companions(Wide(), 400, random)  # type: ignore[arg-type]
+        u = random.standard_normal((100, 2)) + np.repeat([[0.0, 0.0], [5.0, 0.0]], [80, 20], axis=0)
+        value = log_posterior(u)
+        for k in range(80):
+            companions.walk(random)
+            u, value = companions.exchange(u, value, log_posterior, random)
+            if k >= 10:
+                shares.append(np.mean(u[:, 0] > 2.5))
+    assert np.mean(shares) == pytest.approx(0.2, abs=0.02)

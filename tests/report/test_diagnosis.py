@@ -386,7 +386,7 @@ def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
     record = replace(
         record,
         screening=[
-            replace(record.screening[-1], id=id, verdict=verdict, inclusion=0.02, room=room, left=left)
+            replace(record.screening[-1], id=id, verdict=verdict, inclusion=0.02, visible=9.0, room=room, left=left)
             for id, verdict, room, left in (
                 ("amplifier_lag", UNSEEN, 0.03, None), ("anchored_stroke", NOT_EXCLUDED, None, 2.6),
                 ("adhesion", "not present", None, None), ("preload", UNSEEN, None, None),
@@ -405,7 +405,7 @@ def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
         "Probably at work, by what is known of the rig, but not seen in these readings: lagging amplifier (95 % by"
         " [rig]; it may change a reading by up to 3 %), stroke rises to the data sheet's, with its loop (70 % by"
         " [rig]). The values here are without them; those with them are given by psafit fit EXP --group 1,2,3 --terms"
-        " hysteresis,amplifier_lag,anchored_stroke. Look at" in " ".join(page.first_screen.split())
+        " hysteresis,amplifier_lag,anchored_stroke. To see" in " ".join(page.first_screen.split())
     )
     assert "Probably at work" not in build(record, experiment, tmp_path).first_screen
     doubted = "(90 % by [rig], 2 % after the readings)"

@@ -36,7 +36,7 @@ from psafit.diagnose.answer.worth import CheckFirst, Drafted, Gained, LookAt, Ne
 from psafit.diagnose.gain import Gain
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import Diagnosis
-from psafit.diagnose.record.models import NOT_PRESENT, UNSEEN, CauseResult, ParameterResult
+from psafit.diagnose.record.models import NOT_EXCLUDED, NOT_PRESENT, UNSEEN, CauseResult, ParameterResult
 from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.inference import noise
 from psafit.model_search.visibility import VISIBLE
@@ -208,12 +208,11 @@ def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> It
         if s.id in said_of or said is None or said.probability is None or said.probability <= likely:
             continue
         by, unseen = "[rig]" if said.derived else "[prior]", s.verdict in (UNSEEN, NO_ACTION)
-        if not unseen and s.inclusion >= 1 - likely:
-            continue
-        if not unseen and (s.verdict == NOT_PRESENT or (s.left is not None and s.left < VISIBLE)):
-            against.append((s.id, by, said.probability, s.inclusion))
-        else:
+        little = s.verdict == NOT_PRESENT or (s.left is not None and s.left < VISIBLE <= s.visible)
+        if unseen or (s.verdict == NOT_EXCLUDED and s.inclusion < 1 - likely):
             silent.append((s.id, by, said.probability, s.room))
+        elif little and s.inclusion < 1 - likely:
+            against.append((s.id, by, said.probability, s.inclusion))
     if silent:
         yield AtWork(silent, d.named, d.groups)
     if against:

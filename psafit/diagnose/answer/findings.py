@@ -552,12 +552,12 @@ class AtWork(Statement):
             for (c, by, p, _), more in zip(self.causes, most, strict=True)
         )
         it = "it" if len(self.causes) == 1 else "them"
-        seen = [t for t in TERMS if t.look and t.id == self.causes[0][0]]
+        seen = [t for c, *_ in self.causes for t in TERMS if t.look and t.id == c]
         return words.put(
             "Probably at work, by what is known of the rig, but not seen in these readings: {}. The values here are"
             " without {}; those with {} are given by {}.{}",
             words.joined(", ", each), it, it, fit_command(self.groups, [*self.named, *(c for c, *_ in self.causes)]),
-            words.joined("", (words.put(" Look at {}: that shows {}.", t.look, words.cause(t.id)) for t in seen)),
+            words.joined("", (words.put(" To see {}: {}.", words.cause(t.id), t.look) for t in seen)),
         )  # fmt: skip
 
 

@@ -397,7 +397,8 @@ def run(
                 known = kept if tuned_at == settings.tuned_at(done) else []
                 tuned_at = settings.tuned_at(done)
                 made = moves(History.of(backends).chain[:tuned_at] if tuned_at else np.empty((0, 1, n_dim)))
-                chosen = _chosen(made, [seed, tuned_at], settings.ensembles, known)
+                # A stream of its own, not that in which walkers begin.
+                chosen = _chosen(made, [1, seed, tuned_at], settings.ensembles, known)
             for k, backend in enumerate(backends):
                 sampler = emcee.EnsembleSampler(*shape, log_posterior, vectorize=True, backend=backend, moves=chosen[k])
                 n = settings.until(done) - done
