@@ -413,21 +413,22 @@ def across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
 
 
 def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Each parameter without a slope moved along its line.
+    """Each parameter without a slope moved to either side, by halves of its prior's width.
 
     Returns
     -------
     (n, n_dim) and (n,) array
-        Rows, and widths of what they stand for.
+        Rows, and how far each lies from the next one inwards: widths of what they stand for.
     """
+    halves = 2.0 ** -np.arange(2, 12)
     slope = slopes(problem, u[None], predicted[None])[0]
     rows, widths = [np.empty((0, u.size))], [np.empty(0)]
-    for k in np.flatnonzero(~slope.any(axis=1)).tolist():
-        place = np.unique(places_along(problem, u, k))
-        moved = np.repeat(u[None], place.size, axis=0)
-        moved[:, k] = place
+    for k in np.flatnonzero(~slope.any(axis=1)):
+        width = np.ptp(problem.parameters[k].prior_quantile(np.array([0.05, 0.95])))
+        moved = np.repeat(u[None], 2 * halves.size, axis=0)
+        moved[:, k] = np.clip(u[k] + width * np.concatenate([-halves, halves]), *problem.bounds[k])
         rows.append(moved)
-        widths.append(_widths(place))
+        widths.append(width * np.tile(halves, 2) / 2)
     return np.vstack(rows), np.concatenate(widths)
 
 
@@ -548,12 +549,6 @@ def places_along(problem: Problem, u: FloatArray, k: int, *, halvings: int = 12)
     return np.clip(np.concatenate([u[k] - apart, u[k : k + 1], (u[k] + apart)[::-1]]), *problem.bounds[k])
 
 
-def _widths(place: FloatArray) -> FloatArray:
-    """Weights of the trapezoidal rule along the last axis."""
-    apart, none = np.diff(place, axis=-1), np.zeros_like(place[..., :1])
-    return np.asarray(0.5 * (np.concatenate([none, apart], axis=-1) + np.concatenate([apart, none], axis=-1)))
-
-
 def _along_plateaus(
     problem: Problem, u: FloatArray, log_posterior: FloatArray, slope: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -572,7 +567,8 @@ def _along_plateaus(
         rows[:, k] = place.ravel()
         value = log_posteriors(problem, rows, problem.predict(rows), problem.observed).reshape(place.shape)
         value -= log_posterior[flat, None]
-        weight, middle = _widths(place), place.shape[1] // 2
+        apart, middle = np.diff(place, axis=1), place.shape[1] // 2
+        weight = 0.5 * (np.pad(apart, ((0, 0), (1, 0))) + np.pad(apart, ((0, 0), (0, 1))))
         line[flat, k] = logsumexp(value, b=weight, axis=1)
         for side in (value[:, middle:], value[:, middle::-1]):
             side[:] = np.minimum.accumulate(np.minimum(side, 0.0), axis=1)

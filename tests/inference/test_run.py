@@ -412,7 +412,9 @@ def test_run_carries_its_causes(tmp_path: Path) -> None:
     reported = audit(run)
     assert reported.converged and reported.engine == "closed form" and (tmp_path / "run" / "numerics.json").exists()
     worst = [r.worst for r in reported.refinement]
-    assert worst == sorted(worst, reverse=True) and worst[-1] < 1e-3 * worst[0]
+    # Both paths are right to 1e-8: below that no finer step need be nearer to the closed form.
+    distinct = np.maximum(worst, 1e-8).tolist()
+    assert distinct == sorted(distinct, reverse=True) and worst[-1] < 1e-3 * worst[0]
     with pytest.raises(InputError, match="another run"):
         fit(experiment, [1], tmp_path / "run", n_starts=4, settings=quick)
 
