@@ -78,7 +78,7 @@ def refine(
         The fixed step that many would take, a round microsecond as in the study.
     """
     experiment, terms = problem.experiment, problem.terms
-    theta = problem.theta(u, problem.sessions_of(experiment.ids))
+    theta = problem.theta(u, experiment.sessions)
     design = problem.design_of(experiment.ids)
     found = simulate(design, theta, terms)
     exact = found.engine == "closed form"

@@ -281,7 +281,7 @@ def intervals(run: Run, plan: Plan, *, n_draws: int = 1000) -> FloatArray:
     draws, ends = some_draws(run, n_draws), []
     measured = known_sessions(plan.groups, problem.experiment.select(problem.group_ids))
     for group in plan.groups:
-        session = group.session_id if str(group.session_id) in measured else "a session to come"
+        session = group.session_id if group.session_id in measured else "a session to come"
         design = Design.of(plan.constants, [group])
         exact = readings_of(design, problem.theta(draws, [session], rng), problem.terms)
         kinds = np.unique(group.measured).tolist()

@@ -34,7 +34,7 @@ from psafit.challenge.answer import (
 )
 from psafit.challenge.conditions import ConditionSettings, drawn, nameless, summary
 from psafit.errors import InputError
-from psafit.experiment import Experiment, GroupId, fingerprint, session_name, sessions_of, write_experiment
+from psafit.experiment import Experiment, GroupId, fingerprint, session_name, write_experiment
 from psafit.inference import noise
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Motion, Observable
 from psafit.parameters import Parameter
@@ -223,8 +223,8 @@ def _made(
     rng = np.random.default_rng([seed, _TRUTH])
     scatter = _scatter(rng, design, nu, believed, settings)
     truth, true, redraws = _launching(
-        lambda: draw_challenge(rng, chosen, design, sessions_of(blank.groups), scatter, strength, settings.sample),
-        lambda parameters: simulate_literally(design, parameters, chosen, sessions_of(blank.groups), jobs=jobs),
+        lambda: draw_challenge(rng, chosen, design, blank.sessions, scatter, strength, settings.sample),
+        lambda parameters: simulate_literally(design, parameters, chosen, blank.sessions, jobs=jobs),
         lambda true: strengths.enough(design, true),
         settings,
     )
@@ -553,7 +553,7 @@ def _outside(
     jobs: int,
 ) -> tuple[FloatArray, list[Place]]:
     def simulator(edit: Edit) -> FloatArray:
-        return simulate_literally(design, parameters, (), sessions_of(blank.groups), edit=edit, jobs=jobs)
+        return simulate_literally(design, parameters, (), blank.sessions, edit=edit, jobs=jobs)
 
     rng = np.random.default_rng([seed, _OUTSIDE])
     changed, places = effect.apply(blank.with_readings(true), true.copy(), simulator, rng)

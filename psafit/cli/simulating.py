@@ -374,8 +374,7 @@ def of_sessions(
     """
     from psafit.experiment import known_sessions, session_name, sessions_of
 
-    known = known_sessions(plan.groups, measured)
-    new = [s for s in sessions_of(plan.groups) if str(s) not in known]
+    new = {*sessions_of(plan.groups)} - known_sessions(plan.groups, measured)
     theirs = {session_name(t.latent.name, s) for t in terms if t.latent for s in new} & medians.keys()
     if theirs and not quiet:
         click.echo(
@@ -422,13 +421,13 @@ def completed(
 
     plain, chosen = informed(plan.beliefs, chosen)
     wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, p.prior_median) for p in plain}
-    sessions, random = sessions_of(plan.groups), np.random.default_rng(None if seed is None else [seed, 1])
+    sessions, random = sessions_of(plan.groups), None if seed is None else np.random.default_rng([seed, 1])
     for term in chosen:
         for p in term.parameters:
             wanted[p.name] = (p, None if p is term.strength else p.prior_median)
         if term.latent:
             own = np.zeros(len(sessions))
-            if seed is not None:
+            if random is not None:
                 shares = random.uniform(size=len(sessions))
                 own = term.latent.to_physical(term.latent.prior_quantile(shares))
             names = [session_name(term.latent.name, s) for s in sessions]

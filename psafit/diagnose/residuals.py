@@ -155,7 +155,7 @@ def looks(
         "frequency": design.along("frequency"),
         "amplitude": design.along("amplitude"),
         "predicted size": size,
-        "order in the file": in_session(design),
+        "order in the file": in_group(design),
     }
     kinds = {"waveform": design.kinds, "observable": problem.scatter_of(design.measured)}
     n = e.shape[1]
@@ -247,8 +247,8 @@ def both(e: FloatArray) -> FloatArray:
     return np.maximum(ordered[:, -2], -ordered[:, 1])
 
 
-def in_session(design: Design) -> FloatArray:
-    """Place of each reading among those of its session and observable, from -1 to 1; (n_points,)."""
+def in_group(design: Design) -> FloatArray:
+    """Place of each reading among those of its group and observable, from -1 to 1; (n_points,)."""
     counts = np.bincount(2**8 * design.group + design.measured)
     return np.concatenate([np.linspace(-1, 1, n) for n in counts if n])
 

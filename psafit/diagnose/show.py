@@ -27,7 +27,7 @@ from scipy.ndimage import median_filter
 from scipy.stats import f, t
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.residuals import conditions, in_session, sweeps
+from psafit.diagnose.residuals import conditions, in_group, sweeps
 from psafit.experiment import GroupId, by_part, read_as
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
@@ -144,7 +144,7 @@ class Drift:
     ----------
     parameter : str
     variable : {"frequency", "amplitude", "range", "waveform", "order"}
-        The last from the first reading of each session to its last; waveform from the first kind of drive, a sine
+        The last from the first reading of each group to its last; waveform from the first kind of drive, a sine
         where there is one, to the kind that differs most from it.
     gain : float
         Nats, in the expansion, with the scatter refitted.
@@ -367,7 +367,7 @@ def drift(candidate: Candidate, *, knots: int = 4, in_order: float = 0.9) -> lis
     }
     # Sweeps that were read from one end to the other do not separate the time from what was swept.
     if max(_sorted(np.argsort(rows)) for _, _, rows in sweeps(problem)) < in_order:
-        covariates["order"] = in_session(design)
+        covariates["order"] = in_group(design)
     # A weak prior keeps directions that the readings leave open at rest.
     rest, _ = _solve(known, target)
     result = []

@@ -22,7 +22,7 @@ from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Conditions,
 from psafit.experiment.rig import ALIASES, MATERIALS, SEVERAL, Followed, Rig, material_named
 from psafit.experiment.rig import beliefs as rig_beliefs
 from psafit.experiment.table import LIMITS as COLUMN_LIMITS
-from psafit.experiment.text import did_you_mean, listed, near_names, one_line, read_text, shown, unreadable
+from psafit.experiment.text import did_you_mean, id_text, listed, near_names, one_line, read_text, shown, unreadable
 from psafit.observables import OBSERVABLES
 from psafit.parameters import Belief, LogNormal, Normal
 
@@ -480,12 +480,17 @@ class Definition:
                     )
                 files[real] = group.id
                 declared.append(group)
-        elsewhere = {str(g.id): g for g in declared if g.session is not None and str(g.session) != str(g.id)}
+        elsewhere = {str(g.id): g.session for g in declared if g.session is not None and str(g.session) != str(g.id)}
         for i, table in enumerate(tables):
-            if "session" in table and (other := elsewhere.get(str(table["session"]))):
-                what = f"session {other.id} is the id of a group that was measured in session {other.session}"
-                faults.add(self.error(what, f"write session = {_toml(other.session)}", "group", i, "session"))
-        return declared
+            if "session" in table and (there := elsewhere.get(str(table["session"]))) is not None:
+                what = f"session {table['session']} is the id of a group that was measured in session {there}"
+                faults.add(self.error(what, f"write session = {id_text(there)}", "group", i, "session"))
+        # 1 and "1" are one session, called as the group is.
+        forms = {str(g.id): g.id for g in declared}
+        return [
+            g if g.session is None else replace(g, session=forms.setdefault(str(g.session), g.session))
+            for g in declared
+        ]
 
     def _group(self, i: int, table: dict[str, Any]) -> DeclaredGroup:
         faults = Faults()
@@ -665,10 +670,6 @@ def _number(value: object) -> float | None:
         return float(value)
     except OverflowError:
         return math.inf
-
-
-def _toml(id: GroupId | None) -> str:
-    return str(id) if isinstance(id, int) else f'"{id}"'
 
 
 def _value_text(value: object) -> str:

@@ -324,21 +324,18 @@ def read_as(groups: Sequence[Conditions], reading: FloatArray) -> tuple[Group, .
 
 def is_one_of(group: Conditions, measured: Iterable[Group]) -> bool:
     """Whether a group is one of those measured, by its id, its session and its very readings."""
-    known = {(str(g.id), str(g.session_id), g.reading.tobytes()) for g in measured}
-    return isinstance(group, Group) and (str(group.id), str(group.session_id), group.reading.tobytes()) in known
+    known = {(g.id, g.session_id, g.reading.tobytes()) for g in measured}
+    return isinstance(group, Group) and (group.id, group.session_id, group.reading.tobytes()) in known
 
 
-def known_sessions(groups: Iterable[Conditions], measured: Sequence[Group]) -> frozenset[str]:
-    """Ids, as text, of the sessions of which some groups are among those measured, as `is_one_of` has it."""
-    return frozenset(str(g.session_id) for g in groups if is_one_of(g, measured))
+def known_sessions(groups: Iterable[Conditions], measured: Sequence[Group]) -> frozenset[GroupId]:
+    """The sessions of which some groups are among those measured, as `is_one_of` has it."""
+    return frozenset(g.session_id for g in groups if is_one_of(g, measured))
 
 
 def sessions_of(groups: Iterable[Conditions]) -> tuple[GroupId, ...]:
     """The sessions in which groups were measured, in the order of their first groups."""
-    found: dict[str, GroupId] = {}
-    for group in groups:
-        found.setdefault(str(group.session_id), group.session_id)
-    return tuple(found.values())
+    return tuple(dict.fromkeys(g.session_id for g in groups))
 
 
 def session_name(name: str, id: GroupId) -> str:
@@ -371,6 +368,11 @@ class Experiment:
     def ids(self) -> tuple[GroupId, ...]:
         """Ids of the groups, in the order of the definition."""
         return tuple(group.id for group in self.groups)
+
+    @property
+    def sessions(self) -> tuple[GroupId, ...]:
+        """The sessions in which its groups were measured, as a design of all groups numbers them."""
+        return sessions_of(self.groups)
 
     def group(self, group_id: GroupId) -> Group:
         """Return one group.

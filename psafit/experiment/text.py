@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import difflib
+import json
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -142,3 +143,14 @@ def read_text(file: Path, limit: int, form: str = "CSV (UTF-8)") -> str:
             remedy = f"check that nothing was lost {'before them' if ends else 'around it'}, and delete "
             raise InputError(what, remedy + ("them" if ends else "it"), file=file, line=line)
     return text
+
+
+def quoted(text: str) -> str:
+    """A text as TOML has it."""
+    # A JSON string is a TOML basic string, but for the DEL character.
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def id_text(id: int | str) -> str:
+    """The id of a group or session as TOML has it."""
+    return str(id) if isinstance(id, int) else quoted(id)

@@ -7,7 +7,6 @@ names, its comments and the way its numbers are written.
 from __future__ import annotations
 
 import codecs
-import json
 import math
 import os
 import tomllib
@@ -29,10 +28,10 @@ from psafit.experiment.records import (
     Constants,
     Experiment,
     Group,
-    GroupId,
 )
 from psafit.experiment.rig import Rig
 from psafit.experiment.table import read_csv, readings_of
+from psafit.experiment.text import id_text, quoted
 from psafit.experiment.trace_table import TIME, read_trace
 from psafit.files import write_atomically
 from psafit.observables import LAUNCH_RANGE
@@ -128,7 +127,7 @@ def _kept_definition(experiment: Experiment) -> str | None:
             and declared == [(g.id, g.session, g.drive, g.file, g.changed, _condition(g)) for g in experiment.groups]
         )
         # Without a title it would be called after the new folder.
-        text = text if "title" in found.data else f"title = {_quoted(experiment.title)}\n{text}"
+        text = text if "title" in found.data else f"title = {quoted(experiment.title)}\n{text}"
         tomllib.loads(f"{text}\n[[group]]\n")  # groups in an array of another form take no more behind them
     except (InputError, OSError, ValueError):
         return None
@@ -153,13 +152,13 @@ def _definition(experiment: Experiment) -> str:
 
 def head_text(title: str, source: str) -> str:
     """The first lines of a definition."""
-    return f"title = {_quoted(title)}\nsource = {_quoted(source)}\n"
+    return f"title = {quoted(title)}\nsource = {quoted(source)}\n"
 
 
 def limits_text(limits: Sequence[tuple[str, tuple[float, float]]], readable: Sequence[str]) -> str:
     """The table of limits, and of what may be read; empty where there are none."""
     lines = [f"{name} = [{number_text(low)}, {number_text(high)}]\n" for name, (low, high) in limits]
-    lines += [f"read = [{', '.join(map(_quoted, readable))}]\n"] if readable else []
+    lines += [f"read = [{', '.join(map(quoted, readable))}]\n"] if readable else []
     return "".join(["\n[limits]\n", *lines]) if lines else ""
 
 
@@ -167,7 +166,7 @@ def rig_text(rig: Rig | None) -> str:
     """The table of what a rig is made of; empty where nothing is known."""
     if rig is None:
         return ""
-    facts = (f"{k} = {_quoted(v) if isinstance(v, str) else number_text(v)}\n" for k, v in rig.given.items())
+    facts = (f"{k} = {quoted(v) if isinstance(v, str) else number_text(v)}\n" for k, v in rig.given.items())
     return "".join(["\n[rig]\n", *facts])
 
 
@@ -179,7 +178,7 @@ def beliefs_text(beliefs: Sequence[Belief]) -> str:
             continue
         names = [f.name for f in fields(belief.prior) if f.init] if belief.prior else []
         numbers = (f"{name} = {number_text(getattr(belief.prior, name))}\n" for name in names)
-        text += f"\n[prior.{_quoted(belief.name)}]\n{''.join(numbers)}source = {_quoted(belief.source)}\n"
+        text += f"\n[prior.{quoted(belief.name)}]\n{''.join(numbers)}source = {quoted(belief.source)}\n"
         text += f"probability = {number_text(belief.probability)}\n" if belief.probability else ""
     return text
 
@@ -189,8 +188,8 @@ def group_text(group: Conditions, file: str) -> str:
     condition = _condition(group)
     key = "trace" if condition else "file"
     lines = [
-        "", "[[group]]", f"id = {_id_text(group.id)}",
-        f"waveform = {_quoted(group.waveform)}", f"{key} = {_quoted(file)}",
+        "", "[[group]]", f"id = {id_text(group.id)}",
+        f"waveform = {quoted(group.waveform)}", f"{key} = {quoted(file)}",
     ]  # fmt: skip
     if condition:
         names = zip(CONDITION_COLUMNS, condition, strict=True)
@@ -199,9 +198,9 @@ def group_text(group: Conditions, file: str) -> str:
     if group.drive.recorded or "bias_v" in settings:
         settings.setdefault("idle_v", group.drive.idle_v)  # left out, it is asked for
     for key, value in settings.items():
-        lines.append(f"{key} = {_quoted(value) if isinstance(value, str) else number_text(value)}")
+        lines.append(f"{key} = {quoted(value) if isinstance(value, str) else number_text(value)}")
     if group.session is not None:
-        lines.append(f"session = {_id_text(group.session)}")
+        lines.append(f"session = {id_text(group.session)}")
     if group.changed:
         changed = ", ".join(f"{name} = {number_text(value)}" for name, value in group.changed)
         lines.append(f"constants = {{ {changed} }}")
@@ -215,10 +214,6 @@ def _condition(group: Conditions) -> tuple[float, float] | None:
     return float(group.frequency_hz[0]), float(group.amplitude_v[0])
 
 
-def _id_text(id: GroupId) -> str:
-    return str(id) if isinstance(id, int) else _quoted(id)
-
-
 def number_text(value: float) -> str:
     """A number as people write it: whole ones without a point."""
     return repr(float(value)).removesuffix(".0")
@@ -228,11 +223,6 @@ def _microseconds(seconds: float) -> str:
     """A time as the shortest number of microseconds that is read as the same."""
     texts = (f"{seconds / 1e-6:.{digits}g}" for digits in range(6, 18))
     return number_text(next((float(text) for text in texts if float(text) * 1e-6 == seconds), seconds / 1e-6))
-
-
-def _quoted(text: str) -> str:
-    # A JSON string is a TOML basic string, but for the DEL character.
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def table_text(group: Conditions) -> str:

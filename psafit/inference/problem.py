@@ -122,9 +122,8 @@ class Problem:
 
     def shared_session(self, group: Group) -> GroupId | None:
         """The session of a group, if it has a name or other groups of the experiment were measured in it; else None."""
-        others = (g for g in self.experiment.groups if g.id != group.id)
-        shared = group.session is not None or any(str(g.session_id) == str(group.id) for g in others)
-        return group.session_id if shared else None
+        n_groups = sum(g.session_id == group.session_id for g in self.experiment.groups)
+        return None if group.session is None and n_groups == 1 else group.session_id
 
     @cached_property
     def _latents(self) -> tuple[Parameter, ...]:
@@ -268,18 +267,17 @@ class Problem:
             return x[:, : self.n_physical]
         n = len(baseline.PARAMETERS)
         blocks, first, latent = [x[:, :n]], n, self.n_physical
-        fitted = [str(s) for s in self.sessions]
         for term in self.terms:
             blocks.append(x[:, first : first + len(term.parameters)])
             first += len(term.parameters)
             if term.latent:
-                for s in map(str, sessions):
-                    if s in fitted:
-                        blocks.append(x[:, [latent + fitted.index(s)]])
+                for s in sessions:
+                    if s in self.sessions:
+                        blocks.append(x[:, [latent + self.sessions.index(s)]])
                     else:
                         p = np.full(len(u), 0.5) if rng is None else rng.uniform(size=len(u))
                         blocks.append(term.latent.to_physical(term.latent.prior_quantile(p))[:, None])
-                latent += len(fitted)
+                latent += len(self.sessions)
         return np.concatenate(blocks, axis=1)
 
     def noise_values(self, u: FloatArray, group: Group | None = None) -> FloatArray:

@@ -18,7 +18,7 @@ from psafit.inference.samplers import sampler
 from psafit.inference.sampling import Chain
 from psafit.observables import OBSERVABLES
 from psafit.parameters import SHARES
-from psafit.physics import TERMS
+from psafit.physics import TERMS, informed
 from psafit.physics.term import OfSession, Term
 from psafit.records import (
     Fit,
@@ -135,7 +135,7 @@ def by_session(problem: Problem, rows: FloatArray) -> Iterator[tuple[Term, OfSes
         if not (term.latent and term.of_session):
             continue
         for session in problem.sessions:
-            groups = [g for g in fitted if str(g.session_id) == str(session)]
+            groups = [g for g in fitted if g.session_id == session]
             read = {OBSERVABLES[k].name for g in groups for k in np.unique(g.measured)}
             if term.setup or not read.isdisjoint(term.reads):
                 names = [*(p.name for p in term.parameters), session_name(term.latent.name, session)]
@@ -168,10 +168,11 @@ def overdamped(problem: Problem, entries: Sequence[Summarised]) -> Overdamped | 
     critical = 2.0 * math.sqrt(float(rig.k_s[0] * rig.m[0]))
     if lower is None or lower <= critical:
         return None
-    parts = {p.name: p for t in TERMS if t.id not in problem.ids for p in t.parameters if p.unit == "s"}
-    beliefs = (b for b in problem.experiment.beliefs if b.probability is None or b.probability > 0.5)
-    stated = {b.name: b for b in beliefs if b.prior is not None and b.name in parts}
-    known = {name: 1e6 * parts[name].informed(b).prior_median for name, b in stated.items()}
+    beliefs = problem.experiment.beliefs
+    stated = {b.name for b in beliefs if b.prior is not None and (b.probability is None or b.probability > 0.5)}
+    lacked = (t for t in informed(beliefs, TERMS)[1] if t.id not in problem.ids)
+    times = (p for t in lacked for p in t.parameters if p.unit == "s" and p.name in stated)
+    known = {p.name: 1e6 * p.prior_median for p in times}
     return Overdamped(critical, 1e6 * float(rig.c_s[0] / rig.k_s[0]), known or None)
 
 

@@ -242,7 +242,7 @@ class Design:
         sizes = [g.frequency_hz.size for g in groups]
         rigs = list(dict.fromkeys([constants, *(g.rig(constants) for g in groups)]))
         drives = tuple(dict.fromkeys([*_USUAL, *(g.drive for g in groups)]))
-        sessions = [str(id) for id in sessions_of(groups)]
+        sessions = sessions_of(groups)
         every = cls(
             constants,
             np.repeat([drives.index(g.drive) for g in groups], sizes),
@@ -254,7 +254,7 @@ class Design:
             drives,
             np.concatenate([g.measured for g in groups]),
             np.concatenate([np.full(g.n_points, np.nan) if g.time_us is None else g.time_us * 1e-6 for g in groups]),
-            session=np.repeat([sessions.index(str(g.session_id)) for g in groups], sizes),
+            session=np.repeat([sessions.index(g.session_id) for g in groups], sizes),
         )
         return every.points(np.arange(every.n_points)) if rigs[1:] else every
 

@@ -543,13 +543,13 @@ class AtWork(Statement):
     groups: list[GroupId]
 
     def say(self, words: Words) -> str:
-        most = (
-            "" if room is None else words.put("; it may change a reading by up to {}", words.fraction(room))
-            for *_, room in self.causes
-        )
+
+        def left(room: float | None) -> str:
+            return "" if room is None else words.put("; it may change a reading by up to {}", words.fraction(room))
+
         each = (
-            words.put("{} ({} by {}{})", words.cause(c), words.per_cent(p), by, more)
-            for (c, by, p, _), more in zip(self.causes, most, strict=True)
+            words.put("{} ({} by {}{})", words.cause(c), words.per_cent(p), by, left(room))
+            for c, by, p, room in self.causes
         )
         it = "it" if len(self.causes) == 1 else "them"
         seen = [t for c, *_ in self.causes for t in TERMS if t.look and t.id == c]

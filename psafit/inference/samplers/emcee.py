@@ -39,6 +39,7 @@ from psafit.inference.sampling import Chain, Progress, SamplerSettings, Target
 from psafit.inference.surrogate import Companions, IndependenceProposal, Surrogate
 
 GROUP = "psafit"
+_Moves: TypeAlias = Sequence[tuple[emcee.moves.Move, float]]
 
 
 @dataclass(frozen=True)
@@ -133,8 +134,7 @@ class ResampledMove(emcee.moves.Move):  # type: ignore[misc]
         drawn = self._proposal.draw(len(state.coords) * self._tries, random)
         log_posterior, _ = model.compute_log_prob_fn(drawn)
         u, value = self._proposal.resampled(state.coords, state.log_prob, drawn, log_posterior, random)
-        moved = (u != state.coords).any(axis=1)
-        return self.update(state, emcee.State(u, log_prob=value), moved), moved
+        return _ended(self, state, u, value)
 
 
 class ExchangeMove(emcee.moves.Move):  # type: ignore[misc]
@@ -150,8 +150,15 @@ class ExchangeMove(emcee.moves.Move):  # type: ignore[misc]
         u, value = self.companions.exchange(
             state.coords, state.log_prob, lambda there: np.asarray(model.compute_log_prob_fn(there)[0]), random
         )
-        moved = (u != state.coords).any(axis=1)
-        return self.update(state, emcee.State(u, log_prob=value), moved), moved
+        return _ended(self, state, u, value)
+
+
+def _ended(
+    move: emcee.moves.Move, state: emcee.State, u: FloatArray, value: FloatArray
+) -> tuple[emcee.State, NDArray[np.bool_]]:
+    """What a move returns that has led walkers to `u`, where the log posterior is `value`."""
+    moved = (u != state.coords).any(axis=1)
+    return move.update(state, emcee.State(u, log_prob=value), moved), moved
 
 
 class PartMove(emcee.moves.DEMove):  # type: ignore[misc]
@@ -407,9 +414,6 @@ def run(
                     stop_if_asked()
             _checkpoint(backends, path, identity, [own.state for own in _companions(chosen)], tuned_at)
             stop_if_asked()
-
-
-_Moves: TypeAlias = Sequence[tuple[emcee.moves.Move, float]]
 
 
 def _chosen(
