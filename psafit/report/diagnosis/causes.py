@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from psafit.compare import known
+from psafit.diagnose.answer.findings import fit_command
 from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.influence import Influence
 from psafit.diagnose.record import Diagnosis
@@ -73,7 +74,9 @@ def content(result: Diagnosis, shown: Sequence[Shown], pictured: Sequence[Shown]
     best = words.best_model_of(result)
     return {
         "models": model_rows(result),
-        "best_model": None if best is None else _parameters(best) | {"options": ",".join(best.terms)},
+        "best_model": None
+        if best is None
+        else _parameters(best) | {"fit": best.terms and fit_command(result.groups, best.terms)},
         "other_models": [_parameters(c) for c in result.causes if c is not best],
         "best_model_listed": best is result.best_model,
         "influence": influence_pictures(result.influence, pictured) if result.influence else [],

@@ -55,7 +55,6 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "no_alternative": causes.no_alternative(result),
         "tiles": answer.tiles(result, shown),
         "extended": "extended" in result.show,
-        "all_groups": ",".join(str(g) for g in result.groups),
         "mostly_unnamed": result.mostly_unnamed,
         "quick": result.quick,
         "leaves_tied": result.leaves_tied,
