@@ -28,7 +28,7 @@ from psafit.diagnose.looks import looks
 from psafit.diagnose.next_experiment import NextExperiment, Purpose
 from psafit.diagnose.record import PREDICTIONS, RESULT, Confusion, Diagnosis
 from psafit.diagnose.record.misfit import MisfitResult
-from psafit.diagnose.record.models import Apart, CauseResult, ExtensionRun
+from psafit.diagnose.record.models import Apart, CauseResult, ExtensionRun, ScreeningResult
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.retest import retest
 from psafit.diagnose.robustness import robustness
@@ -254,10 +254,6 @@ class Work:
             decisive = [set(ids) for ids in ((), verdict.named, best_model.ids, *verdict.alternatives)]
             with self._stage("nautilus"):
                 causes = [self._confirmed(c, model_set) if set(c.terms) in decisive else c for c in causes]
-        given_best = screen(best_model, self.catalogue) if verdict.verdict != "adequate" and best_model.terms else []
-        screening = results.screening_of(
-            screen(model_set.baseline, self.catalogue), given_best, model_set, verdict, self.seed
-        )
         result = Diagnosis(
             schema=SCHEMA,
             verdict=verdict.verdict,
@@ -275,10 +271,11 @@ class Work:
             unexplained_by=verdict.unexplained_by,
             by_likelihood=[list(ids) for ids in verdict.by_likelihood],
             counted=results.counted_of(model_set, judgement.adopted),
+            without=results.without_of(model_set, verdict.named),
             looks=looks(causes, verdict, self.catalogue),
             sentences=[],
             unnamed=verdict.unnamed,
-            screening=screening,
+            screening=self._screened(model_set, verdict),
             show=results.shown(model_set),
             extension=extension,
             ledger=ledger,
@@ -302,6 +299,13 @@ class Work:
         result = replace(result, sentences=sentences(result, experiment.beliefs))
         write_json(self.folder / RESULT, result, sealed=True)
         return result
+
+    def _screened(self, model_set: ModelSet, verdict: Verdict) -> list[ScreeningResult]:
+        """Every cause, what it gains by itself, and what given the best model."""
+        best_model = model_set.best_model
+        given_best = screen(best_model, self.catalogue) if verdict.verdict != "adequate" and best_model.terms else []
+        alone = screen(model_set.baseline, self.catalogue)
+        return results.screening_of(alone, given_best, model_set, verdict, self.seed)
 
     def _tested(self, judgement: Judgement) -> tuple[MisfitResult, list[Broken]]:
         """What the tests say of the baseline and the best model, and the laws that reported models break."""

@@ -34,6 +34,7 @@ from psafit.diagnose.record.models import (
     ScreeningResult,
     ScreeningWord,
     SessionResult,
+    Without,
 )
 from psafit.diagnose.residuals import numbered
 from psafit.diagnose.robustness import Robustness
@@ -108,6 +109,17 @@ def counted_of(model_set: ModelSet, adopted: Candidate) -> list[Counted]:
         more = {name: p for name, p in values.items() if name in added}
         found.append(Counted(list(ids), model_set.odds(ids, adopted.ids), more, moved))
     return found
+
+
+def without_of(model_set: ModelSet, named: Sequence[str]) -> list[Without]:
+    """Of each named cause the most probable set that was fitted without it, the nearest first."""
+    evidence, found = model_set.log_evidence, []
+    for cause in named:
+        lacking = [ids for ids in evidence if cause not in ids]
+        best = max(lacking, key=lambda ids: (evidence[ids] + model_set.log_prior(ids), ids))
+        nats = evidence[model_set.best_model.ids] - evidence[best]
+        found.append(Without(cause, list(best), nats, best in model_set.samples))
+    return sorted(found, key=lambda w: w.nats)
 
 
 def cause_result(model_set: ModelSet, verdict: Verdict, candidate: Candidate) -> CauseResult:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.stats import binomtest
+from scipy.stats import binomtest, norm
 
 VerdictWord = Literal["adequate", "explained", "ambiguous", "unexplained"]
 
@@ -132,6 +134,24 @@ class Calibration:
     reliability: list[Reliability]
     truths: list[OfTruth]
     trials: list[Trial]
+
+    @property
+    def overstated(self) -> bool:
+        """Whether what was named is right less often than its printed probability says, beyond chance."""
+        return self.printed is not None and self.printed > self.right.upper
+
+    @property
+    def narrow(self) -> bool:
+        """Whether fewer than 90 % of the intervals hold the truth, beyond chance between the data sets."""
+        held = np.array([t.held / t.intervals for t in self.trials if t.intervals])
+        if held.size < 2:
+            return False
+        return bool(held.mean() + norm.ppf(0.95) * held.std(ddof=1) / math.sqrt(held.size) < 0.9)
+
+    def behind(self, verdict: str, named: Sequence[str]) -> list[tuple[list[str], int]]:
+        """What made the data sets that got this verdict and this name, and how many; most frequent first."""
+        made = Counter(tuple(t.truth) for t in self.trials if t.verdict == verdict and {*t.named} == {*named})
+        return [(list(truth), n) for truth, n in sorted(made.items(), key=lambda item: (-item[1], item[0]))]
 
 
 def summed(trials: Sequence[Trial], *, edges: Sequence[float] = (0.0, 0.5, 0.8, 0.95, 1.0)) -> Calibration:

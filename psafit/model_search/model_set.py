@@ -146,10 +146,14 @@ class ModelSet:
 
     @property
     def decisive(self) -> tuple[Ids, ...]:
-        """Sets on which a verdict rests: those that are likely, and the first of a tie that estimates alone make."""
-        tied = self.needed(self.best_model.ids) if self.best_model.ids else ()
+        """Sets on which an answer rests.
+
+        Those that are likely, the first of a tie that estimates alone make, and those that may be at work as well.
+        """
+        best = self.best_model.ids
+        tied = self.needed(best) if best else ()
         first = () if any(ids in self.samples for ids in tied) else tied[:1]
-        return tuple(dict.fromkeys((*self.likely, *first)))
+        return tuple(dict.fromkeys((*self.likely, *first, *self._favoured(best))))
 
     def draws(self, ids: Ids, seed: int) -> ImportanceSample:
         """Posterior draws of a model; worked out for one that the search did not sample."""
@@ -213,16 +217,20 @@ class ModelSet:
         By more than the standard error; those that keep 5 % next to the named one alone, most probable first. What is
         reported for its own probability is not among them.
         """
+        own, samples = self.log_evidence[named], self.samples
+        favoured = (ids for ids in self._favoured(named) if ids in samples)
+        return tuple(ids for ids in favoured if samples[ids].standard_error < self.log_evidence[ids] - own)
+
+    def _favoured(self, named: Ids) -> list[Ids]:
+        """As of `counted_with`, those of which an estimate alone says so among them."""
         own, least = self.log_evidence[named], (1 - CREDIBLE) / CREDIBLE
         reported = self.needed(named) if named else self.likely
         odds = {
             ids: self.odds(ids, named)
-            for ids, draws in self.samples.items()
-            if set(ids) > set(named)
-            and ids not in reported
-            and draws.standard_error < self.log_evidence[ids] - own < self.visible
+            for ids, evidence in self.log_evidence.items()
+            if set(ids) > set(named) and ids not in reported and 0.0 < evidence - own < self.visible
         }
-        return tuple(sorted((ids for ids in odds if odds[ids] >= least), key=lambda ids: -odds[ids]))
+        return sorted((ids for ids in odds if odds[ids] >= least), key=lambda ids: -odds[ids])
 
     def quantiles(self, ids: Ids, q: Sequence[float]) -> FloatArray:
         """Quantiles of a model's parameters, (len(q), n_dim), in their units; its mode where it was not sampled."""

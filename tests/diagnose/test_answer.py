@@ -19,6 +19,7 @@ from psafit.diagnose.answer.findings import (
     Kind,
     Lagging,
     Named,
+    Replaced,
     Rival,
     Room,
     Sizes,
@@ -28,7 +29,7 @@ from psafit.diagnose.answer.grounds import ByChance, OneGroup, Searched
 from psafit.diagnose.answer.worth import Gained
 from psafit.diagnose.misfit import Coincidence
 from psafit.diagnose.record import Diagnosis
-from psafit.diagnose.record.models import Counted, ParameterResult, SessionResult
+from psafit.diagnose.record.models import Counted, ParameterResult, SessionResult, Without
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
 from psafit.model_search.model_set import LookedAt
@@ -167,6 +168,45 @@ def test_what_tied_sets_share_is_no_matter_of_the_tie() -> None:
     assert f"between 3 sets of causes, all with {' + '.join(named.causes)}: " in text and text.count("(10 %)") == 2
 
 
+def test_a_tied_set_that_fits_better_is_said_to() -> None:
+    """Where its further parameters do not account for that."""
+    d = replace(record(), verdict="ambiguous")
+    own = d.best_model
+    assert own is not None
+
+    def said(gain: float, more: int = 0) -> str:
+        size = next(iter(own.parameters.values()))
+        extra = {f"new{k}": size for k in range(more)}
+        fits = replace(own.evidence, gain=own.evidence.gain + gain)
+        other = replace(own, terms=["gap"], evidence=fits, parameters=own.parameters | extra)
+        (named,) = of(replace(d, causes=[own, other], alternatives=[["gap"]]), Named)
+        return named.say(PLAIN)
+
+    better = "; it fits better by 6.9 nats, and its priors hold it back)"
+    assert better in said(6.9) and better in said(6.9, more=3)
+    assert "fits better" not in said(6.9, more=4) and "fits better" not in said(2.0)
+
+
+def test_what_would_be_named_without_each_cause_is_said() -> None:
+    d = replace(record(), verdict="explained", alternatives=[], named=["gap", "preload"])
+    d = replace(
+        d,
+        without=[
+            Without("preload", ["gap", "slew_limit"], 10.74, True), Without("gap", ["preload"], 39.6, False),
+            Without("gap", ["hysteresis"], -0.2, True),
+        ],
+    )  # fmt: skip
+    (found,) = of(d, Replaced)
+    assert found.say(PLAIN) == (
+        "The next best: without preload, slew_limit in its place (10.7 nats less evidence); without gap, nothing in its"
+        " place (about 40 nats less evidence); without gap, hysteresis (0.2 nats more evidence)."
+    )
+    tied = replace(d, verdict="ambiguous", alternatives=[["gap", "slew_limit"]])
+    (found,) = of(tied, Replaced)
+    assert "without preload" not in found.say(PLAIN), "that is what the tie is about"
+    assert not of(replace(d, verdict="unexplained"), Replaced)
+
+
 @pytest.mark.parametrize(("nats", "said"), [(0.41, "separate the best fits of the two by about 0.4 nats"), (3.1, "")])
 def test_sets_that_more_of_the_same_readings_would_not_separate_are_said_to_be_so(nats: float, said: str) -> None:
     d = record()
@@ -274,6 +314,9 @@ def test_an_implausible_scatter_is_flagged_too() -> None:
         (found,) = of(replace(record(), causes=[model, *others]), Implausible)
         value = "sigma_abs = 0.0002 (0.0001 to 0.0003) m"
         assert found.say(PLAIN) == f"Implausible values: {value}{expected} of hysteresis."
+    sharp = replace(wide, prior_lower=1e-3, prior_upper=1e-2)
+    model = replace(first, implausible=["sigma_abs"], parameters=first.parameters | {"sigma_abs": sharp})
+    assert not of(replace(record(), causes=[model, *others]), Implausible), "a good instrument is no doubt"
 
 
 def test_groups_that_are_predicted_worse_are_named() -> None:

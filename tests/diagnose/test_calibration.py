@@ -65,6 +65,18 @@ def test_what_counts_as_named() -> None:
     assert summed([odd, replace(odd, why="structure", printed=None)]).right == Rate.counted([True])
 
 
+def test_names_and_intervals_that_promise_too_much_are_said_to() -> None:
+    right = [trial("gap", "explained", "gap", held=4 - k % 3 // 2) for k in range(12)]
+    wrong = [trial("gap", "ambiguous", "preload", held=2 + k % 2) for k in range(6)]
+    sound, found = summed(right), summed([*right[:3], *wrong])
+    assert not (sound.overstated or sound.narrow) and found.overstated and found.narrow
+    assert found.behind("ambiguous", ["preload"]) == [(["gap"], 6)] and not found.behind("explained", ["preload"])
+    said = Calibrated(found, True, "ambiguous", ["preload"]).say(PLAIN)
+    assert "So the probabilities here are too high. Of the 6 with" in said and "they are too narrow here." in said
+    said = Calibrated(sound, True, "explained", ["gap"]).say(PLAIN)
+    assert "too high" not in said and "too narrow" not in said
+
+
 def test_a_rate_knows_how_little_a_few_data_sets_say() -> None:
     assert Rate.counted([]) == Rate(0, 0, 0.0, 1.0)
     few, many = Rate.counted([True] * 4), Rate.counted([True] * 40)
@@ -134,6 +146,9 @@ def test_what_is_said_of_it(tmp_path) -> None:
         " (6 % to 73 %, 90 %) and reported in 4. What was named had a probability of 82 % on average, and was right in"
         " 2 of 4. 90 % intervals held 19 of the 24 true values (79 %)."
     )
+    tied = replace(record, verdict="ambiguous", named=["preload"])
+    (said,) = [s.say(PLAIN) for s in answer(tied) if isinstance(s, Calibrated)]
+    assert "Of the 1 with the verdict and the name given here, it was gap in 1." in said
     left = replace(record, verdict="unexplained", unexplained_by="structure")
     (said,) = [s.say(PLAIN) for s in answer(left) if isinstance(s, Calibrated)]
     whose = "drawn from the best models of the catalogue, none of which explains these readings"

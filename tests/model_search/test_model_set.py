@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -176,6 +177,20 @@ def test_a_tie_does_not_rest_on_estimates_alone() -> None:
     assert ranked(evidence, {(): 0.0, ("a",): 0.0, ("b",): 0.9}).decisive == (("a",),)
     assert ranked({(): 0.0, ("a",): 20.0, ("b",): 6.0}, {(): 0.0, ("a",): 0.0}).decisive == (("a",),)
     assert ranked({(): 0.0, **{(id,): -0.5 for id in "abc"}}, {(): 0.0}).decisive == ((),)
+
+
+@pytest.mark.parametrize(
+    ("more", "asked"), [(0.5, True), (-0.1, False), (3.1, False)], ids=["favoured", "not favoured", "shows by itself"]
+)
+def test_what_may_be_at_work_as_well_is_sampled(more: float, asked: bool) -> None:
+    """An estimate alone does not say that a further cause, likely beforehand, would move the values."""
+    believed = BELIEFS | {"b": 0.3, "c": 0.04}
+    evidence = {(): 0.0, ("a",): 20.0, ("a", "b"): 20.0 + more, ("a", "c"): 20.1}
+    found = ranked(evidence, {(): 0.0, ("a",): 0.0}, beliefs=believed)
+    found = replace(found, probability=dict.fromkeys(evidence, 0.0) | {("a",): 1.0})  # b and c do not show
+    assert (("a", "b") in found.decisive) is asked
+    assert ("a", "c") not in found.decisive, "too little next to the named set alone"
+    assert not found.counted_with(("a",)), "an estimate is no finding"
 
 
 def test_a_set_that_cannot_be_drawn_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from diagnoses_by_hand import CONSTANTS, build, growth, make_experiment, make_re
 from reader import HOSTILE, Reader
 
 from psafit.diagnose.answer import answer as answer_of
-from psafit.diagnose.answer.findings import Against
+from psafit.diagnose.answer.findings import Against, AtWork
 from psafit.diagnose.answer.worth import Next
 from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.explanations import Explanation
@@ -418,6 +418,8 @@ def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
     counted = replace(record, counted=[Counted(["adhesion", "swing_drag"], 1.2, {}, {})])
     for other in (likely, counted):
         assert not any(isinstance(s, Against) for s in answer_of(other, follow))
+    (silent,) = [s for s in answer_of(replace(record, verdict="unexplained"), follow) if isinstance(s, AtWork)]
+    assert [id for id, *_ in silent.causes] == ["amplifier_lag"], "a model that is wrong bounds nothing"
 
 
 def test_a_record_read_back_gives_the_same_page(tmp_path):

@@ -6,6 +6,7 @@ causes, groups and numbers from `psafit.diagnose.words.Words`: the record's plai
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
@@ -23,6 +24,7 @@ from psafit.diagnose.answer.findings import (
     Lagging,
     Named,
     NothingShows,
+    Replaced,
     Restricted,
     Rival,
     Room,
@@ -39,11 +41,14 @@ from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.record.models import NOT_EXCLUDED, NOT_PRESENT, UNSEEN, CauseResult, ParameterResult
 from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.inference import noise
+from psafit.model_search.model_set import CREDIBLE
 from psafit.model_search.visibility import VISIBLE
+from psafit.observables import OBSERVABLES
 from psafit.parameters import Belief, leading_belief
 from psafit.physics import owner
 
 _TAILS = noise.PARAMETERS[-1]
+_WIDTHS = {parameter.name for o in OBSERVABLES for parameter in o.scatter[:2]}
 
 
 def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...]:
@@ -64,6 +69,9 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
     if d.left_out:
         found.append(Restricted([s.id for s in d.screening], len(d.left_out)))
     found += [_judged(d), _named(d)]
+    if d.calibration:  # what all the rest is worth
+        found.append(Calibrated(d.calibration, d.explains, d.verdict, d.named))
+    found += _without(d)
     tests = d.misfit.baseline
     if d.misfit.p_value < ALPHA and tests.character != "none":
         found.append(Kind(tests.character, tests.odd_groups, len(tests.odd_points), tests.statistics))
@@ -72,8 +80,6 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
         found.append(LivesOn(carried, len(d.influence.tail)))
     if d.misfit.search:
         found.append(ByChance(d.misfit.search))
-    if d.calibration:
-        found.append(Calibrated(d.calibration, d.explains))
     by_session = {s.cause for c in d.causes for s in c.sessions or []}
     found += [Gained(gain, d.training, _named_in(gain, by_session)) for gain in d.gain.values()] or [NoGain(d.quick)]
     if d.verdict == "unexplained":
@@ -132,15 +138,34 @@ def _named(d: Diagnosis) -> Statement:
     )
 
 
+def _without(d: Diagnosis) -> Iterator[Statement]:
+    """What would be named without each cause that all reported sets have."""
+    reported = [d.named, *d.alternatives]
+    sure = [w for w in d.without if all(w.cause in ids for ids in reported)]
+    if sure and d.verdict in ("explained", "ambiguous"):
+        yield Replaced(sure, d.named)
+
+
 def _rivals(d: Diagnosis) -> Iterator[Rival]:
     """The alternatives, each with how probable it is."""
-    probability = {tuple(c.terms): c.probability for c in d.causes}
-    own, odd = probability.get(tuple(d.named)), {tuple(c.terms) for c in d.causes if c.implausible}
+    models = {tuple(c.terms): c for c in d.causes}
+    named = d.best_model
     for ids in d.alternatives:
-        p = probability.get(tuple(ids))
-        # Where a discrepancy takes it all, a share of what is left says nothing.
-        shown = None if d.mostly_unnamed else p
-        yield Rival(ids, shown, own / p if own and p else None, ids in d.by_likelihood, tuple(ids) in odd)
+        model = models.get(tuple(ids))
+        if named is None or model is None:
+            yield Rival(ids, None, None, ids in d.by_likelihood)
+            continue
+        own, p, better = named.probability, model.probability, model.evidence.gain - named.evidence.gain
+        more = max(len(model.parameters) - len(named.parameters), 0)
+        yield Rival(
+            ids,
+            # Where a discrepancy takes it all, a share of what is left says nothing.
+            None if d.mostly_unnamed else p,
+            own / p if own and p else None,
+            ids in d.by_likelihood,
+            bool(model.implausible),
+            better if better - more > math.log(CREDIBLE / (1 - CREDIBLE)) else None,
+        )
 
 
 def _values(d: Diagnosis) -> Iterator[Statement]:
@@ -154,13 +179,20 @@ def _values(d: Diagnosis) -> Iterator[Statement]:
         yield BySession(d.best_model.sessions)
     # Of a baseline that is wrong no value is believed anyway.
     named = [d.best_model] if d.best_model and (d.named or d.verdict == "adequate") else []
-    if odd := [c for c in [*named, *tied] if c.implausible]:
-        yield Implausible([(c.terms, [(name, c.parameters[name]) for name in c.implausible]) for c in odd])
+    found = [(c.terms, [(name, c.parameters[name]) for name in c.implausible]) for c in [*named, *tied]]
+    doubtful = [(terms, [value for value in values if not _sharper(*value)]) for terms, values in found]
+    if odd := [(terms, values) for terms, values in doubtful if values]:
+        yield Implausible(odd)
     if named and (lag := named[0].overdamped):
         yield Lagging(lag)
     again = [c.again for c in d.causes if c.again is not None]
     if d.verdict == "ambiguous" and again and max(again) < d.settings.search.visible:
         yield Indistinct(max(again), len(again))
+
+
+def _sharper(name: str, p: ParameterResult) -> bool:
+    """Whether it is the width of a scatter, and smaller than its prior expects: that hides nothing."""
+    return name in _WIDTHS and p.prior_interval is not None and p.median < p.prior_interval[0]
 
 
 def _sized(causes: list[CauseResult]) -> dict[str, ParameterResult]:
@@ -199,9 +231,10 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
 def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> Iterator[Statement]:
     """The causes that the experiment holds for more than `likely`: those the readings do not show, or speak against.
 
-    They speak against a cause of which they leave less than would be seen, and which they would have shown.
+    They speak against a cause of which they leave less than would be seen, and which they would have shown. Given a
+    model that is wrong they bound nothing: of what they would have shown nothing is said then.
     """
-    silent, against = [], []
+    silent, against, bounds = [], [], d.verdict != "unexplained"
     said_of = {id for ids in (d.named, *d.alternatives, *(c.terms for c in d.counted)) for id in ids}
     for s in d.screening:
         said = leading_belief(b for b in beliefs if owner(b.name) == s.id)
@@ -209,7 +242,7 @@ def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> It
             continue
         by, unseen = "[rig]" if said.derived else "[prior]", s.verdict in (UNSEEN, NO_ACTION)
         little = s.verdict == NOT_PRESENT or (s.left is not None and s.left < VISIBLE <= s.visible)
-        if unseen or (s.verdict == NOT_EXCLUDED and s.inclusion < 1 - likely):
+        if unseen or (bounds and s.verdict == NOT_EXCLUDED and s.inclusion < 1 - likely):
             silent.append((s.id, by, said.probability, s.room))
         elif little and s.inclusion < 1 - likely:
             against.append((s.id, by, said.probability, s.inclusion))

@@ -10,7 +10,7 @@ from typing import Literal
 from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.misfit import ALPHA, Character, Statistic, described
 from psafit.diagnose.record.misfit import Condition, Reading
-from psafit.diagnose.record.models import Counted, ParameterResult, SessionResult
+from psafit.diagnose.record.models import Counted, ParameterResult, SessionResult, Without
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
@@ -152,6 +152,8 @@ class Rival:
         Whether it is reported only because it fits as well.
     implausible : bool
         Whether its values are.
+    better : float, optional, nats
+        Log likelihood that it has more than what is named, where parameters that it has more do not account for that.
     """
 
     causes: list[str]
@@ -159,6 +161,7 @@ class Rival:
     times: float | None
     by_likelihood: bool
     implausible: bool = False
+    better: float | None = None
 
 
 @dataclass(frozen=True)
@@ -261,10 +264,13 @@ class Named(Statement):
             words.instead(self.causes, r.causes)
             if r.probability is None
             else words.put(
-                "{} ({}{})",
+                "{} ({}{}{})",
                 words.instead(self.causes, r.causes),
                 words.share(r.probability),
                 ", at implausible values" if r.implausible else "",
+                ""
+                if r.better is None
+                else words.put("; it fits better by {}, and its priors hold it back", words.nats(r.better)),
             )
             for r in rivals
         ]
@@ -279,6 +285,34 @@ class Named(Statement):
                 why = words.put(how, words.number(significant(r.times, 2)), words.share(r.probability))
             found.append(words.put("{} fits as well or better{}", words.instead(self.causes, r.causes), why))
         return words.put(" By likelihood alone, {}.", words.joined("; ", _first(found))) if found else ""
+
+
+@dataclass(frozen=True)
+class Replaced(Statement):
+    """What would be named without each of the named causes, and how far behind that is."""
+
+    topic = "wrong"
+    without: list[Without]
+    named: list[str]
+
+    def say(self, words: Words) -> str:
+        each = (
+            words.put("without {}, {} ({})", words.cause(w.cause), self._other(w, words), self._behind(w, words))
+            for w in self.without[:_TIED]
+        )
+        return words.put("The next best: {}.", words.joined("; ", each))
+
+    def _other(self, w: Without, words: Words) -> str:
+        """The set, by what it has in the place of the cause, if that is all in which it differs."""
+        new = [id for id in w.terms if id not in self.named]
+        if {*w.terms} - {*new} != {*self.named} - {w.cause}:
+            return words.causes(w.terms)
+        return words.put("{} in its place", words.causes(new) if new else "nothing")
+
+    def _behind(self, w: Without, words: Words) -> str:
+        """How much less evidence it has; that of a short fit is rounded."""
+        size = words.nats(abs(w.nats)) if w.sampled else words.number(f"about {abs(w.nats):.0f} nats")
+        return words.put("{} {} evidence", size, "less" if w.nats >= 0 else "more")
 
 
 def _first(texts: list[str]) -> list[str]:
@@ -344,7 +378,7 @@ class BySession(Statement):
 class Implausible(Statement):
     """Values that whoever knows such rigs would not believe, by the set that has them; what is named first.
 
-    Those of the scatter are among them: they do not change the verdict, but a large scatter may hide a misfit.
+    A scatter that is too wide is among them: it does not change the verdict, but may hide a misfit.
     """
 
     topic = "wrong"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.influence import Carried
 from psafit.diagnose.significance import OTHERWISE, Significance
-from psafit.diagnose.trials import Calibration
+from psafit.diagnose.trials import Calibration, VerdictWord
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.model_search.model_set import LookedAt
@@ -109,6 +109,8 @@ class Calibrated(Statement):
     topic = "trust"
     found: Calibration
     explains: bool
+    verdict: VerdictWord
+    named: list[str]
 
     def say(self, words: Words) -> str:
         c = self.found
@@ -128,10 +130,17 @@ class Calibrated(Statement):
         if c.printed is not None:
             how = "{} What was named had a probability of {} on average, and was right in {} of {}."
             text = words.put(how, text, words.per_cent(c.printed), c.right.n, c.right.of)
-        if not c.intervals:
-            return text
-        how = "{} 90 % intervals held {} of the {} true values ({})."
-        return words.put(how, text, c.held, c.intervals, words.per_cent(c.held / c.intervals))
+            if c.overstated:
+                text = words.put("{} So the probabilities here are too high.", text)
+        if made := c.behind(self.verdict, self.named):
+            each = words.listed(words.put("{} in {}", words.causes(truth), n) for truth, n in made)
+            same = sum(n for _, n in made)
+            text = words.put("{} Of the {} with the verdict and the name given here, it was {}.", text, same, each)
+        if c.intervals:
+            how = "{} 90 % intervals held {} of the {} true values ({}){}."
+            narrow = ": they are too narrow here" if c.narrow else ""
+            text = words.put(how, text, c.held, c.intervals, words.per_cent(c.held / c.intervals), narrow)
+        return text
 
 
 @dataclass(frozen=True)

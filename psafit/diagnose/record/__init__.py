@@ -10,7 +10,7 @@ from psafit.diagnose.gain import Choice, Gain
 from psafit.diagnose.influence import Influence
 from psafit.diagnose.next_experiment import NextExperiment, Rehearsal
 from psafit.diagnose.record.misfit import Draft, MisfitResult
-from psafit.diagnose.record.models import CauseResult, Counted, ExtensionRun, Look, ModelShown, ScreeningResult
+from psafit.diagnose.record.models import CauseResult, Counted, ExtensionRun, Look, ModelShown, ScreeningResult, Without
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.trials import Calibration, VerdictWord, Why, stands
 from psafit.errors import InputError
@@ -130,6 +130,8 @@ class Diagnosis(Brief):
     counted : list of Counted
         Larger sets than what is named, or than the baseline of an adequate verdict, for which the readings speak by
         too little to go on from.
+    without : list of Without
+        Of each named cause the most probable set that lacks it, the nearest first.
     looks : list of Look
         What a look at the rig itself would show of the reported causes, without launches; see `psafit.diagnose.looks`.
     calibration : Calibration, optional
@@ -177,6 +179,7 @@ class Diagnosis(Brief):
     unexplained_by: Why = ""
     by_likelihood: list[list[str]] = field(default_factory=list)
     counted: list[Counted] = field(default_factory=list)
+    without: list[Without] = field(default_factory=list)
     looks: list[Look] = field(default_factory=list)
     calibration: Calibration | None = field(default=None, metadata=ABSENT)
     influence: Influence | None = field(default=None, metadata=ABSENT)

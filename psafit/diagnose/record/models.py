@@ -176,6 +176,27 @@ class Counted:
 
 
 @dataclass(frozen=True)
+class Without:
+    """The most probable set of all fitted that lacks a cause of the named one.
+
+    Parameters
+    ----------
+    cause : str
+    terms : list of str
+        The set; none for the baseline.
+    nats : float
+        Log evidence that the named set has more.
+    sampled : bool
+        Whether that of the set was sampled; otherwise it is the estimate of a short fit.
+    """
+
+    cause: str
+    terms: list[str]
+    nats: float
+    sampled: bool
+
+
+@dataclass(frozen=True)
 class Look:
     """A reported cause that a look at the rig itself shows, without launches.
 

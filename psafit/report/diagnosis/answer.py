@@ -47,8 +47,8 @@ _AGAINST: Final[dict[Objection, str]] = {
 _QUESTIONS: Final[dict[Topic, str]] = {
     "scope": "",
     "adequate": "Is the baseline adequate?",
-    "wrong": "What is wrong, and why?",
     "trust": "How often is such a verdict right here?",
+    "wrong": "What is wrong, and why?",
     "gained": "What was gained?",
     "next": "What next?",
 }
@@ -143,10 +143,12 @@ def first_screen(result: Diagnosis, beliefs: Sequence[Belief] = (), together: in
 def kind(result: Diagnosis) -> str:
     """The colour of the verdict.
 
-    A baseline that nothing refutes may be less probable than others, or break a law; and what fits may do so at
-    implausible values.
+    A baseline that nothing refutes may be less probable than others, or break a law; what fits may do so at
+    implausible values; and at these conditions such names may be wrong more often than they say.
     """
     doubtful = result.verdict == "adequate" and kept(result) < 0.5
+    if result.verdict == "explained" and result.calibration and result.calibration.overstated:
+        return "warn"
     if result.unexplained_by == "law" or (result.verdict == "adequate" and any(not b.terms for b in result.laws)):
         return "bad"
     return "warn" if doubtful or result.unexplained_by == "values" else _KINDS[result.verdict]

@@ -37,7 +37,7 @@ _EXTENDED: Final[dict[str, Any]] = {"color": PALETTE["vermillion"], "linewidth":
 
 _SYMBOL: Final = {"frequency": "f", "amplitude": "V"}
 
-_COVARIATES: Final = {**SWEPT, "range": "predicted reading", "order": "order in each session"}
+_COVARIATES: Final = {**SWEPT, "range": "predicted reading", "order": "order in each group"}
 
 
 def content(result: Diagnosis, experiment: Experiment) -> dict[str, Any]:
