@@ -435,6 +435,7 @@ def run_page(
         elif block.language == "toml" and not block.title:
             run_toml(block, desk / "mine", monkeypatch)
         elif block.title:
+            (desk / block.title).parent.mkdir(exist_ok=True)
             (desk / block.title).write_text(block.text, encoding="utf-8")
     return names
 

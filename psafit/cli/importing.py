@@ -64,7 +64,12 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
     help="Keep one sample of a trace in N, and of a drive means of N.",
 )
 @click.option(
-    "--drive", type=Place("input"), metavar="FILE", help="The drive: a recorded voltage, or one period by phase."
+    "--drive",
+    "drives",
+    type=Place("input"),
+    metavar="FILE",
+    multiple=True,
+    help="The drive: a recorded voltage, or one period by phase. Repeat, or give a folder: each group has its own.",
 )
 @click.option("--period", metavar="TIME[:UNIT]", help="Of that voltage: 1:ms; without it the drive is as recorded.")
 @click.option("--sheet", "sheets", multiple=True, metavar="NAME", help="Sheet of a workbook, a group each; repeat.")
@@ -85,7 +90,7 @@ def import_files(
     start: str | None,
     from_rest: bool,
     every: int,
-    drive: Path | None,
+    drives: tuple[Path, ...],
     period: str | None,
     sheets: tuple[str, ...],
     quiet: bool,
@@ -120,18 +125,16 @@ def import_files(
         start_us=None if start is None else given.moment(start, f"--start {shown(start)}"),
         from_rest=from_rest,
         every=every,
-        drive_file=drive,
         period_us=None if period is None else given.moment(period, f"--period {shown(period)}"),
     )
-    imported = _on_rig(read_files(files, options), constants, rig)
+    imported = _on_rig(read_files(files, options, drives), constants, rig)
     with filling(out):
         write_import(imported, out)
         warnings = imported.warnings if imported.missing else read_experiment(out).warnings
         write_result(json_file, _result(imported, out, warnings))
     if not quiet:
-        for table in _files(imported):
-            for line in _columns_text(table):
-                click.echo(escaped(line))
+        for line in itertools.chain.from_iterable(map(_table_text, imported.tables)):
+            click.echo(escaped(line))
         warn(warnings)
         _next(imported, out)
     return DONE
@@ -221,6 +224,16 @@ def _values(
     return constants, tuple(held.items()), volts
 
 
+def _table_text(table: Table) -> list[str]:
+    """What was understood of a table, behind that of its drives' recordings; one that is read like another is named."""
+    lines: list[str] = []
+    first: dict[tuple[Any, ...], Table] = {}
+    for one in table.recordings:
+        like = first.setdefault(one.columns, one)
+        lines += [f"{one.place}: read like {like.place}"] if like is not one else _columns_text(one)
+    return [*lines, *_columns_text(table)]
+
+
 def _columns_text(table: Table) -> list[str]:
     """What was understood of a table, as lines."""
     from psafit.experiment.importing.chosen import SETTINGS
@@ -284,11 +297,6 @@ def _columns_text(table: Table) -> list[str]:
     return lines
 
 
-def _files(imported: Imported) -> list[Table]:
-    """What was read, the file of the drive before the table that has it."""
-    return [one for table in imported.tables for one in (table.recording, table) if one]
-
-
 def _next(imported: Imported, out: Path) -> None:
     """What to do with the folder."""
     from psafit.experiment import DEFINITION
@@ -318,7 +326,7 @@ def _result(imported: Imported, out: Path, warnings: Sequence[str]) -> dict[str,
         "missing_constants": list(imported.missing),
         "warnings": list(warnings),
         "tables": [_table_result(table) for table in imported.tables],
-        "recordings": [_table_result(table.recording) for table in imported.tables if table.recording],
+        "recordings": [_table_result(file) for table in imported.tables for file in table.recordings],
     }
 
 

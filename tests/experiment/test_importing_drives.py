@@ -319,6 +319,72 @@ def test_one_period_in_psafits_own_form_is_the_drive(tmp_path: Path) -> None:
         assert message in str(caught.value)
 
 
+LAUNCHES = "pulse;f (kHz);Vp;Range (um)\na;1,2;30;76,5\na;1,2;30;75\nb;1,2;60;175\n"
+
+
+def recordings(folder: Path) -> Path:
+    """A folder of two recordings, of 30 and of 60 V."""
+    (folder / "scope").mkdir()
+    for name, factor in (("a", 2.0), ("B", 1.0)):
+        (folder / "scope" / f"{name}.csv").write_text(scope(factor=factor), encoding="utf-8")
+    (folder / "scope" / ".hidden").write_text("no recording", encoding="utf-8")
+    (folder / "launches.csv").write_text(LAUNCHES, encoding="utf-8")
+    return folder / "scope"
+
+
+def test_each_group_has_the_recording_that_is_called_as_it_is(tmp_path: Path) -> None:
+    folder = recordings(tmp_path)
+    said = Options(columns=(Mapping("pulse", "group", None),), start_us=200.0)
+    (table,) = read_files([tmp_path / "launches.csv"], said, [folder])
+    assert [(g.id, g.drive.file, g.n_points) for g in table.groups] == [
+        ("a", "drive-a.csv", 2),
+        ("b", "drive-B.csv", 1),
+    ]
+    assert [float(g.drive.table.value.max()) for g in table.groups if g.drive.table] == pytest.approx([30.0, 60.0])
+    assert [one.file.name for one in table.recordings] == ["a.csv", "B.csv"]
+
+
+def test_recordings_that_are_read_the_same_way_are_said_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recordings(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    words = ["import", "launches.csv", "--drive", "scope", "--column", "pulse=group", "--start", "0.2:ms", *RIG]
+    assert run(monkeypatch, *words, "--out", "rig") == 0
+    said = capsys.readouterr().out
+    assert "B.csv: read like a.csv\n" in said and said.count("from 'Time (ms)'") == 1
+    assert [g.drive.file for g in read_experiment("rig").groups] == ["drive-a.csv", "drive-B.csv"]
+
+
+def test_each_file_has_the_recording_in_its_place(tmp_path: Path) -> None:
+    folder, files = recordings(tmp_path), [tmp_path / name for name in ("one.csv", "two.csv")]
+    for file in files:
+        file.write_text(SWEEP, encoding="utf-8")
+    tables = read_files(files, Options(start_us=200.0), [folder / "B.csv", folder / "a.csv"])
+    assert [g.drive.file for t in tables for g in t.groups] == ["drive-B.csv", "drive-a.csv"]
+    (alone,) = read_files(files[:1], Options(start_us=200.0), [folder / "a.csv"])
+    assert alone.groups[0].drive.file == "drive.csv", "one recording is that of all groups"
+
+
+def test_recordings_without_a_group_and_groups_without_one_are_refused(tmp_path: Path) -> None:
+    folder, file = recordings(tmp_path), tmp_path / "launches.csv"
+    grouped = Options(columns=(Mapping("pulse", "group", None),), start_us=200.0)
+    a, b, other = folder / "a.csv", folder / "B.csv", tmp_path / "a.txt"
+    for copy in (other, folder / "c.csv"):
+        copy.write_text(scope(), encoding="utf-8")
+    (tmp_path / "empty").mkdir()
+    for drives, said, message in (
+        ([a, folder / "c.csv"], grouped, "no recording of --drive is called 'b'; name the recording 'b.csv'"),
+        ([folder], grouped, "1 recording of --drive has no group: 'c.csv'; leave out what has none"),
+        ([a, b], replace(grouped, columns=()), "2 recordings of --drive and 1 table, without labels"),
+        ([a, other], grouped, "two recordings of --drive are called 'a'; rename one"),
+        ([tmp_path / "empty"], grouped, "the folder holds no file"),
+    ):
+        with pytest.raises(InputError) as caught:
+            read_files([file], said, drives)
+        assert message in str(caught.value)
+
+
 def test_the_command_writes_the_drive_and_check_reads_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -129,4 +129,5 @@ class Next(Statement):
             how = "Next, measure {}: it {}" if equal else "Next, measure {}: it best {}"
         others = f"; {count(equal, 'other proposal')} may do as well." if equal else "."
         rest = " It separates the two likeliest sets; without --quick up to four are compared." if self.more else ""
+        rest += " Frequencies and amplitudes beyond those measured are tried where [limits] allows them."
         return words.put(how + others + rest, words.number(first.text), self.found.promise(first, words))

@@ -24,6 +24,7 @@ from psafit.experiment.drive_table import PERIOD, RECORDED, read_drive
 from psafit.experiment.importing.chosen import ERROR_OF, HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
 from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.contradicted import check_above, unread
+from psafit.experiment.importing.driven import in_folders, joined
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, Row, grids
 from psafit.experiment.importing.layout import (
@@ -44,7 +45,7 @@ from psafit.experiment.importing.numerals import is_number
 from psafit.experiment.importing.order import check_order
 from psafit.experiment.importing.origin import check_origin, unread_origin
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, QUANTITIES, SEPARATORS, SUFFIXES, VOLTS, words
-from psafit.experiment.importing.recorded import recorded
+from psafit.experiment.importing.recorded import ALL, recorded
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood, file_of
 from psafit.experiment.importing.steps import STEP, with_counts
 from psafit.experiment.importing.traces import from_start, trace_of
@@ -66,7 +67,7 @@ Read = TypeVar("Read")
 __all__ = ["COLUMN_NAMES", "SETTABLE", "Imported", "Mapping", "Options", "Table", "read_files", "write_import"]
 
 
-def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> list[Table]:
+def read_files(files: Sequence[Path], options: Options, drives: Sequence[Path] = (), examples: int = 3) -> list[Table]:
     """Read tables of measurements in whatever form.
 
     Parameters
@@ -74,6 +75,9 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
     files : sequence of Path
         Text with any separator, or workbooks.
     options : Options
+    drives : sequence of Path
+        Files of drives, or a folder of them: one of all tables; or one of each group, called as its label; or one of
+        each file, in their order.
     examples : int
         Rows of each table that are kept as they were understood.
 
@@ -87,6 +91,14 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
     InputError
         Where something cannot be read, is impossible, or can be understood in two ways.
     """
+    given = in_folders(drives)
+    if len(given) < 2:
+        return _read(files, replace(options, drive_file=given[0] if given else options.drive_file), examples)
+    return joined([_read(files, replace(options, drive_file=drive), examples) for drive in given], given)
+
+
+def _read(files: Sequence[Path], options: Options, examples: int) -> list[Table]:
+    """Tables that have one drive at most in a file of its own."""
     faults = Faults()
     period = _own_period(options.drive_file, options) if options.drive_file else None
     if options.drive_file and period:  # no table, though it stands among them
@@ -155,7 +167,7 @@ def _driven(tables: Sequence[Table], kept: Drive, whole: Drive, recording: Table
             replace(g, drive=replace(g.drive, table=kept.table)) if g.drive.table is whole.table else g
             for g in table.groups
         )
-        done.append(replace(table, groups=tuple(groups), recording=recording if has and first else None))
+        done.append(replace(table, groups=tuple(groups), recordings=(recording,) if has and first else ()))
         first = first and not has
     return done
 
@@ -171,7 +183,7 @@ def _own_period(file: Path, options: Options) -> Drive | None:
     if tuple(map(str.lower, header)) != PERIOD:
         remedy = f"separate the cells by commas, decimals by points: {','.join(PERIOD)}"
         raise InputError("one period is read in psafit's own form alone", remedy, file=file, line=line)
-    return Drive(TABLE, table=read_drive(file), file="drive.csv")
+    return Drive(TABLE, table=read_drive(file), file=ALL)
 
 
 def _check_used(tables: Sequence[Table], options: Options, driven: Sequence[Grid]) -> None:

@@ -22,6 +22,9 @@ from psafit.experiment.importing.values import Reading, check_ends, readings
 from psafit.experiment.table import CellFault, RowFaults
 from psafit.experiment.trace_table import TIME, out_of_order
 
+ALL = "drive.csv"
+"""The file, in an experiment folder, of a drive that all groups have."""
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -81,7 +84,7 @@ def recorded(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Record
     if period is None:
         rest = _idle(grid, samples, volts, options)
         drive, whole = (
-            Drive(TABLE, idle_v=rest, table=Table(at * 1e-6, value, recorded=True), file="drive.csv")
+            Drive(TABLE, idle_v=rest, table=Table(at * 1e-6, value, recorded=True), file=ALL)
             for at, value in (every, each)
         )
         return Recording(drive, whole, rows, tuple(samples), decimal)
@@ -89,8 +92,7 @@ def recorded(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Record
     if largest == 0.0:
         raise InputError("the recorded voltage is zero throughout", "give another channel", file=grid.file)
     drive, whole = (
-        Drive(TABLE, table=Table(at / period, value / largest, recorded=False), file="drive.csv")
-        for at, value in (every, each)
+        Drive(TABLE, table=Table(at / period, value / largest, recorded=False), file=ALL) for at, value in (every, each)
     )
     return Recording(drive, whole, rows, tuple(samples), decimal)
 

@@ -233,8 +233,8 @@ class Table:
         What was read; `file` names the table that is to be written.
     labels : tuple of str
         What a column says of each group; empty where none does.
-    recording : Table or None
-        The file of the drive, which has no groups, with the first table that has it.
+    recordings : tuple of Table
+        Files of the drives, which have no groups; each with the first table that has it.
     """
 
     file: Path
@@ -254,7 +254,7 @@ class Table:
     left_out: tuple[tuple[int, str], ...]
     groups: tuple[Group, ...] = field(repr=False)
     labels: tuple[str, ...] = ()
-    recording: Table | None = None
+    recordings: tuple[Table, ...] = ()
 
     @property
     def place(self) -> str:
