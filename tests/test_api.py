@@ -203,6 +203,10 @@ def test_a_diagnosis_in_a_notebook(diagnosis: tuple[Path, Experiment]) -> None:
     assert found.report() == folder / "diagnosis.html"
     with pytest.raises(InputError, match=r"holds a diagnosis, not a fit; read it with psafit\.load_diagnosis"):
         psafit.load(folder)
+    (folder / "extension-gap").mkdir()
+    (folder / "extension-gap" / "fit.json").write_text("{}")
+    with pytest.raises(InputError, match="or give the fit within it, extension-gap"):
+        psafit.load(folder)
 
 
 def test_what_others_wrote_is_escaped(known: Experiment) -> None:
