@@ -148,12 +148,13 @@ class ModelSet:
     def decisive(self) -> tuple[Ids, ...]:
         """Sets on which an answer rests.
 
-        Those that are likely, the first of a tie that estimates alone make, and those that may be at work as well.
+        Those that are likely; where a set leads, the first of a tie that estimates alone make, and what may be at work
+        as well.
         """
         best = self.best_model.ids
-        tied = self.needed(best) if best else ()
+        tied, more = (self.needed(best), self._favoured(best)) if best else ((), [])
         first = () if any(ids in self.samples for ids in tied) else tied[:1]
-        return tuple(dict.fromkeys((*self.likely, *first, *self._favoured(best))))
+        return tuple(dict.fromkeys((*self.likely, *first, *more)))
 
     def draws(self, ids: Ids, seed: int) -> ImportanceSample:
         """Posterior draws of a model; worked out for one that the search did not sample."""
