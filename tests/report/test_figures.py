@@ -169,6 +169,9 @@ def test_rows_of_the_first_picture_differ_where_the_groups_do():
     assert all(f"{k}0 V" in name for k, name in zip((1, 2, 2), names, strict=True)) and shared == "l = 0.09 m"
     same = [figures.Row(k, "sine, 2 kHz", rows[0].marks) for k in (1, 2)]
     assert figures.row_names(same) == (["1", "2"], "sine, 2 kHz")
+    long = ["launch speeds, 649.4 Hz, 30 V", "displacements, 649.4 Hz, 100 V"]
+    named = [figures.Row(f"rise40{end}", text, rows[0].marks) for end, text in zip(("", "-trace"), long, strict=True)]
+    assert figures.row_names(named) == (["rise40", "rise40-trace"], "649.4 Hz"), "names say enough"
     group = sweep_groups()[1]
     example = figures.Example("", "ink", group, figures.sweep_of(group), [])
     figure = figures.summary_figure(rows, [example], figures.handles([]))

@@ -119,7 +119,7 @@ def row_names(rows: Sequence[Row], room: int = 30) -> tuple[list[str], str]:
     """Names that differ where the rows do, in so many characters, and the conditions that all rows share.
 
     Where they are too long, all go without what is in brackets, and then without what is neither first nor last, if
-    they still differ.
+    they still differ. Groups that have names, and not numbers, may then go by these alone.
     """
     parts = [re.split(r", (?![^(]*\))", r.condition) for r in rows]
     shared = [p for p in parts[0] if all(p in one for one in parts)] if len(rows) > 1 else []
@@ -132,7 +132,8 @@ def row_names(rows: Sequence[Row], room: int = 30) -> tuple[list[str], str]:
         return all(len(g) + 2 + len(", ".join(own)) <= room for g, own in zip(groups, kept, strict=True))
 
     differ = [one for one in (held, plain, ends) if len({*map(tuple, one)}) == len({*map(tuple, held)})]
-    kept = next(filter(fits, differ), differ[-1])
+    named = len({*groups}) == len(rows) and not any(g.isdigit() for g in groups)
+    kept = next(filter(fits, differ), [[] for _ in rows] if named else differ[-1])
     texts = zip(groups, map(", ".join, kept), strict=True)
     return [f"{g}: {short(text, room - len(g) - 2)}" if text else g for g, text in texts], ", ".join(shared)
 
