@@ -360,8 +360,12 @@ def test_each_file_has_the_recording_in_its_place(tmp_path: Path) -> None:
     folder, files = recordings(tmp_path), [tmp_path / name for name in ("one.csv", "two.csv")]
     for file in files:
         file.write_text(SWEEP, encoding="utf-8")
-    tables = read_files(files, Options(start_us=200.0), [folder / "B.csv", folder / "a.csv"])
-    assert [g.drive.file for t in tables for g in t.groups] == ["drive-B.csv", "drive-a.csv"]
+    said = Options(start_us=200.0, values=(("idle_v", (None, 1.5)),))
+    groups = [g for table in read_files(files, said, [folder / "B.csv", folder / "a.csv"]) for g in table.groups]
+    assert [(g.id, g.file, g.drive.file) for g in groups] == [
+        (1, "group1.csv", "drive-B.csv"), (2, "group2.csv", "drive-a.csv"),
+    ]  # fmt: skip
+    assert [g.drive.idle_v for g in groups] == [0.0, 1.5], "what is said of each table stays with it"
     (alone,) = read_files(files[:1], Options(start_us=200.0), [folder / "a.csv"])
     assert alone.groups[0].drive.file == "drive.csv", "one recording is that of all groups"
 
@@ -376,7 +380,7 @@ def test_recordings_without_a_group_and_groups_without_one_are_refused(tmp_path:
     for drives, said, message in (
         ([a, folder / "c.csv"], grouped, "no recording of --drive is called 'b'; name the recording 'b.csv'"),
         ([folder], grouped, "1 recording of --drive has no group: 'c.csv'; leave out what has none"),
-        ([a, b], replace(grouped, columns=()), "2 recordings of --drive and 1 table, without labels"),
+        ([a, b], replace(grouped, columns=()), "2 recordings of --drive and 1 file; give one for each file"),
         ([a, other], grouped, "two recordings of --drive are called 'a'; rename one"),
         ([tmp_path / "empty"], grouped, "the folder holds no file"),
     ):

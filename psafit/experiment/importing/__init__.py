@@ -24,7 +24,7 @@ from psafit.experiment.drive_table import PERIOD, RECORDED, read_drive
 from psafit.experiment.importing.chosen import ERROR_OF, HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
 from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.contradicted import check_above, unread
-from psafit.experiment.importing.driven import in_folders, joined
+from psafit.experiment.importing.driven import by_label, in_folders, in_order, named_apart
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, Row, grids
 from psafit.experiment.importing.layout import (
@@ -56,6 +56,7 @@ from psafit.experiment.text import did_you_mean, listed, shown
 from psafit.experiment.trace_table import TIME, TRACES
 from psafit.files import read_bytes
 from psafit.observables import OF_LAUNCHES
+from psafit.text import count
 
 SETTABLE = (*HELD, *SETTINGS)
 """What may be given for a whole table."""
@@ -94,7 +95,14 @@ def read_files(files: Sequence[Path], options: Options, drives: Sequence[Path] =
     given = in_folders(drives)
     if len(given) < 2:
         return _read(files, replace(options, drive_file=given[0] if given else options.drive_file), examples)
-    return joined([_read(files, replace(options, drive_file=drive), examples) for drive in given], given)
+    named_apart(given)
+    if any(mapping.column == GROUPS for mapping in options.columns):
+        return by_label([_read(files, replace(options, drive_file=drive), examples) for drive in given], given)
+    if len(files) != len(given):
+        remedy = "give one for each file in their order, or say --column HEADING=group of a column that names them"
+        raise InputError(f"{len(given)} recordings of --drive and {count(len(files), 'file')}", remedy)
+    own = (replace(options.of_table(k, len(files)), drive_file=drive) for k, drive in enumerate(given))
+    return in_order([_read([file], its, examples) for file, its in zip(files, own, strict=True)], given)
 
 
 def _read(files: Sequence[Path], options: Options, examples: int) -> list[Table]:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.recorded import ALL
-from psafit.experiment.importing.records import Table
+from psafit.experiment.importing.records import Table, file_of
+from psafit.experiment.records import Group
 from psafit.experiment.text import listed, shown
 from psafit.text import count
 
@@ -26,8 +27,15 @@ def in_folders(given: Iterable[Path]) -> list[Path]:
     return found
 
 
-def joined(reads: Sequence[Sequence[Table]], drives: Sequence[Path]) -> list[Table]:
-    """Return tables each of whose groups has its own drive.
+def named_apart(drives: Sequence[Path]) -> None:
+    """Refuse recordings of one name: they would be one file of the experiment."""
+    stems = [drive.stem.casefold() for drive in drives]
+    if twice := [drive for drive, stem in zip(drives, stems, strict=True) if stems.count(stem) > 1]:
+        raise InputError(f"two recordings of --drive are called {shown(twice[0].stem)}", "rename one", file=twice[0])
+
+
+def by_label(reads: Sequence[Sequence[Table]], drives: Sequence[Path]) -> list[Table]:
+    """Return tables each of whose groups has the drive whose file is called as its label is.
 
     Parameters
     ----------
@@ -40,24 +48,21 @@ def joined(reads: Sequence[Sequence[Table]], drives: Sequence[Path]) -> list[Tab
     InputError
         Where a group has no drive, or a drive no group.
     """
-    stems = [drive.stem.casefold() for drive in drives]
-    if twice := [drive for drive, stem in zip(drives, stems, strict=True) if stems.count(stem) > 1]:
-        raise InputError(f"two recordings of --drive are called {shown(twice[0].stem)}", "rename one", file=twice[0])
+    called = {drive.stem.casefold(): k for k, drive in enumerate(drives)}
     found, faults, free = [], Faults(), set(range(len(drives)))
     for number, table in enumerate(reads[0]):
         groups, recordings = [], []
         for k, (group, label) in enumerate(table.labelled_groups):
+            which = called.get(label.strip().casefold())
             if group.drive.file != ALL:  # it was recorded next to a trace
                 groups.append(group)
-                continue
-            which = _called(label, drives) if label else number if len(reads[0]) == len(drives) else None
-            if which is None:
-                faults.add(_without(label, table, len(reads[0]), drives))
-                continue
-            own = replace(reads[which][number].groups[k].drive, file=f"drive-{drives[which].stem}.csv")
-            groups.append(replace(group, drive=own))
-            recordings += [one for read in reads[which] for one in read.recordings if which in free]
-            free.discard(which)
+            elif which is None:
+                remedy = f"name the recording {shown(label + drives[0].suffix)}"
+                faults.add(InputError(f"no recording of --drive is called {shown(label)}", remedy, file=table.file))
+            else:
+                groups.append(_with(drives[which], reads[which][number].groups[k]))
+                recordings += [one for read in reads[which] for one in read.recordings if which in free]
+                free.discard(which)
         found.append(replace(table, groups=tuple(groups), recordings=tuple(recordings)))
     faults.end()
     if free:
@@ -66,21 +71,20 @@ def joined(reads: Sequence[Sequence[Table]], drives: Sequence[Path]) -> list[Tab
     return found
 
 
-def _called(label: str, drives: Sequence[Path]) -> int | None:
-    """The drive whose file is called as a label is."""
-    return next((k for k, drive in enumerate(drives) if drive.stem.casefold() == label.strip().casefold()), None)
+def in_order(reads: Sequence[Sequence[Table]], drives: Sequence[Path]) -> list[Table]:
+    """Return tables of several files, each read with its own drive; their groups count from 1."""
+    found: list[Table] = []
+    for tables, drive in zip(reads, drives, strict=True):
+        for table in tables:
+            first = sum(len(before.groups) for before in found) + 1
+            groups = (replace(g, id=k, file=file_of(k)) for k, g in enumerate(table.groups, first))
+            found.append(replace(table, groups=tuple(_with(drive, g) if g.drive.file == ALL else g for g in groups)))
+    return found
 
 
-def _without(label: str, table: Table, n_tables: int, drives: Sequence[Path]) -> InputError:
-    """What is wrong where a group has no drive of its own among several."""
-    if label:
-        what = f"no recording of --drive is called {shown(label)}"
-        return InputError(what, f"name the recording {shown(label + drives[0].suffix)}", file=table.file)
-    what = f"{len(drives)} recordings of --drive and {count(n_tables, 'table')}, without labels"
-    remedy = (
-        "give one for each file in their order, or say --column HEADING=group of a column with the recordings' names"
-    )
-    return InputError(what, remedy, file=table.file)
+def _with(drive: Path, group: Group) -> Group:
+    """A group whose drive is a file of its own."""
+    return replace(group, drive=replace(group.drive, file=f"drive-{drive.stem}.csv"))
 
 
-__all__ = ["in_folders", "joined"]
+__all__ = ["by_label", "in_folders", "in_order", "named_apart"]

@@ -160,8 +160,11 @@ class Options:
             one = each[number if len(each) > 1 else 0]
             own += [(name, one)] if one is not None else []
         counted = self.counted[number : number + 1] if len(self.counted) > 1 else self.counted
-        columns = tuple(m for m in self.columns if m.table is None or m.table[0] == number)
-        return replace(self, values=tuple(own), counted=counted, columns=columns)
+        waveforms = self.waveforms[number : number + 1] if len(self.waveforms) > 1 else self.waveforms
+        alone = (0, 1)  # the one table that these options are of
+        said = (m for m in self.columns if m.table is None or m.table[0] == number)
+        columns = tuple(replace(m, table=m.table and alone) for m in said)
+        return replace(self, values=tuple(own), counted=counted, waveforms=waveforms, columns=columns)
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,8 @@ def row_names(rows: Sequence[Row], room: int = 30) -> tuple[list[str], str]:
 
     differ = [one for one in (held, plain, ends) if len({*map(tuple, one)}) == len({*map(tuple, held)})]
     named = len({*groups}) == len(rows) and not any(g.isdigit() for g in groups)
-    kept = next(filter(fits, differ), [[] for _ in rows] if named else differ[-1])
+    alone: list[list[str]] = [[] for _ in rows]
+    kept = next(filter(fits, differ), alone if named else differ[-1])
     texts = zip(groups, map(", ".join, kept), strict=True)
     return [f"{g}: {short(text, room - len(g) - 2)}" if text else g for g, text in texts], ", ".join(shared)
 
