@@ -127,7 +127,7 @@ def import_files(
         every=every,
         period_us=None if period is None else given.moment(period, f"--period {shown(period)}"),
     )
-    imported = _on_rig(read_files(files, options, drives), constants, rig)
+    imported = _on_rig(read_files(files, options, drives=drives), constants, rig)
     with filling(out):
         write_import(imported, out)
         warnings = imported.warnings if imported.missing else read_experiment(out).warnings
@@ -229,7 +229,7 @@ def _table_text(table: Table) -> list[str]:
     lines: list[str] = []
     first: dict[tuple[Any, ...], Table] = {}
     for one in table.recordings:
-        like = first.setdefault(one.columns, one)
+        like = first.setdefault((one.columns, one.separator, one.decimal, one.above, one.not_yet), one)
         lines += [f"{one.place}: read like {like.place}"] if like is not one else _columns_text(one)
     return [*lines, *_columns_text(table)]
 

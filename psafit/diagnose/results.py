@@ -113,12 +113,11 @@ def counted_of(model_set: ModelSet, adopted: Candidate) -> list[Counted]:
 
 def without_of(model_set: ModelSet, named: Sequence[str]) -> list[Without]:
     """Of each named cause the most probable set that was fitted without it, the nearest first."""
-    evidence, found = model_set.log_evidence, []
-    for cause in named:
-        lacking = [ids for ids in evidence if cause not in ids]
-        best = max(lacking, key=lambda ids: (evidence[ids] + model_set.log_prior(ids), ids))
-        nats = evidence[model_set.best_model.ids] - evidence[best]
-        found.append(Without(cause, list(best), nats, best in model_set.samples))
+    own, others = model_set.standing(model_set.best_model.ids), {cause: model_set.without(cause) for cause in named}
+    found = [
+        Without(cause, list(ids), own - model_set.standing(ids), ids in model_set.samples)
+        for cause, ids in others.items()
+    ]
     return sorted(found, key=lambda w: w.nats)
 
 

@@ -142,11 +142,15 @@ class Calibration:
 
     @property
     def narrow(self) -> bool:
-        """Whether fewer than 90 % of the intervals hold the truth, beyond chance between the data sets."""
-        held = np.array([t.held / t.intervals for t in self.trials if t.intervals])
-        if held.size < 2:
-            return False
-        return bool(held.mean() + norm.ppf(0.95) * held.std(ddof=1) / math.sqrt(held.size) < 0.9)
+        """Whether fewer than 90 % of the intervals hold the truth, beyond chance.
+
+        Those of one data set hang together: the standard error is that of their sums, and at least that of as many
+        independent ones.
+        """
+        share = self.held / max(self.intervals, 1)
+        between = math.hypot(*(t.held - share * t.intervals for t in self.trials))
+        error = max(between, math.sqrt(0.9 * 0.1 * self.intervals)) / max(self.intervals, 1)
+        return bool(share + norm.ppf(0.95) * error < 0.9) and self.intervals > 0
 
     def behind(self, verdict: str, named: Sequence[str]) -> list[tuple[list[str], int]]:
         """What made the data sets that got this verdict and this name, and how many; most frequent first."""

@@ -141,6 +141,5 @@ def _odds(model_set: ModelSet, left: Discrepancy, bare: Discrepancy, probability
 
 
 def _best_first(named: Ids, model_set: ModelSet) -> Ids:
-    """Causes by what is lost without them: by the evidence of the best model fitted that does not have them."""
-    without = {id: max(e for ids, e in model_set.log_evidence.items() if id not in ids) for id in named}
-    return tuple(sorted(named, key=lambda id: without[id]))
+    """Causes by what is lost without them: by the standing of the best model fitted that does not have them."""
+    return tuple(sorted(named, key=lambda id: model_set.standing(model_set.without(id))))

@@ -172,6 +172,14 @@ class ModelSet:
         """Log prior probability of a model."""
         return log_prior(ids, self.beliefs)
 
+    def standing(self, ids: Ids) -> float:
+        """Log posterior of a model, not normalised, by which the best is chosen: see `at_even_odds`."""
+        return self.log_evidence[ids] + log_prior(ids, at_even_odds(self.beliefs))
+
+    def without(self, cause: str) -> Ids:
+        """The model with the highest standing of those that lack a cause."""
+        return max((ids for ids in self.log_evidence if cause not in ids), key=lambda ids: (self.standing(ids), ids))
+
     def needed(self, named: Ids) -> tuple[Ids, ...]:
         """Sets that are needed, in addition to the named one, for 95 % of the probability; most probable first."""
         held, found = self.probability[named], []
@@ -222,8 +230,8 @@ class ModelSet:
         favoured = (ids for ids in self._favoured(named) if ids in samples)
         return tuple(ids for ids in favoured if samples[ids].standard_error < self.log_evidence[ids] - own)
 
-    def _favoured(self, named: Ids) -> list[Ids]:
-        """As of `counted_with`, those of which an estimate alone says so among them."""
+    def _favoured(self, named: Ids, most: int = 4) -> list[Ids]:
+        """As of `counted_with`, those of which an estimate alone says so among them; `most`, the likeliest first."""
         own, least = self.log_evidence[named], (1 - CREDIBLE) / CREDIBLE
         reported = self.needed(named) if named else self.likely
         odds = {
@@ -231,7 +239,7 @@ class ModelSet:
             for ids, evidence in self.log_evidence.items()
             if set(ids) > set(named) and ids not in reported and 0.0 < evidence - own < self.visible
         }
-        return sorted((ids for ids in odds if odds[ids] >= least), key=lambda ids: -odds[ids])
+        return sorted((ids for ids in odds if odds[ids] >= least), key=lambda ids: -odds[ids])[:most]
 
     def quantiles(self, ids: Ids, q: Sequence[float]) -> FloatArray:
         """Quantiles of a model's parameters, (len(q), n_dim), in their units; its mode where it was not sampled."""

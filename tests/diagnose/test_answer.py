@@ -193,13 +193,13 @@ def test_what_would_be_named_without_each_cause_is_said() -> None:
         d,
         without=[
             Without("preload", ["gap", "slew_limit"], 10.74, True), Without("gap", ["preload"], 39.6, False),
-            Without("gap", ["hysteresis"], -0.2, True),
+            Without("gap", ["hysteresis"], 0.21, False),
         ],
     )  # fmt: skip
     (found,) = of(d, Replaced)
     assert found.say(PLAIN) == (
-        "The next best: without preload, slew_limit in its place (10.7 nats less evidence); without gap, nothing in its"
-        " place (about 40 nats less evidence); without gap, hysteresis (0.2 nats more evidence)."
+        "The next best: without preload, slew_limit in its place (10.7 nats behind); without gap, nothing in its place"
+        " (about 40 nats behind); without gap, hysteresis (about 0.2 nats behind)."
     )
     tied = replace(d, verdict="ambiguous", alternatives=[["gap", "slew_limit"]])
     (found,) = of(tied, Replaced)

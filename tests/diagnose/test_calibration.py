@@ -21,6 +21,7 @@ from psafit.diagnose.words import PLAIN
 from psafit.inference.memory import Memory
 from psafit.model_search import search_models
 from psafit.records import read_json, write_json
+from psafit.report.diagnosis.answer import kind
 
 LAG = FEW[:1]
 LITTLE = Settings(simulated=29, search=CHEAP)
@@ -72,9 +73,16 @@ def test_names_and_intervals_that_promise_too_much_are_said_to() -> None:
     assert not (sound.overstated or sound.narrow) and found.overstated and found.narrow
     assert found.behind("ambiguous", ["preload"]) == [(["gap"], 6)] and not found.behind("explained", ["preload"])
     said = Calibrated(found, True, "ambiguous", ["preload"]).say(PLAIN)
-    assert "So the probabilities here are too high. Of the 6 with" in said and "they are too narrow here." in said
+    assert "the probabilities here are too high. Those with the verdict and the name given here (6) were" in said
+    assert "they are too narrow here." in said
     said = Calibrated(sound, True, "explained", ["gap"]).say(PLAIN)
     assert "too high" not in said and "too narrow" not in said
+    seldom = summed([replace(right[0], held=held, intervals=of) for held, of in [(1, 2)] * 4 + [(20, 20)] * 3])
+    assert not seldom.narrow, "94 % of all intervals hold"
+    assert not summed([replace(right[0], held=7, intervals=8)] * 2).narrow, "two data sets of the same share say little"
+    many = [trial(f"c{k}", "explained", "gap") for k in range(6)]
+    said = Calibrated(summed(many), True, "explained", ["gap"]).say(PLAIN)
+    assert "c3 (1) and others (2)." in said
 
 
 def test_a_rate_knows_how_little_a_few_data_sets_say() -> None:
@@ -148,7 +156,13 @@ def test_what_is_said_of_it(tmp_path) -> None:
     )
     tied = replace(record, verdict="ambiguous", named=["preload"])
     (said,) = [s.say(PLAIN) for s in answer(tied) if isinstance(s, Calibrated)]
-    assert "Of the 1 with the verdict and the name given here, it was gap in 1." in said
+    assert "Those with the verdict and the name given here (1) were made by gap (1)." in said
+    nameless = replace(tied, verdict="unexplained", unexplained_by="structure", named=[])
+    assert "Those with" not in next(s for s in answer(nameless) if isinstance(s, Calibrated)).say(PLAIN)
+    sure = replace(
+        record, verdict="explained", alternatives=[], calibration=summed([trial("gap", "explained", "x")] * 8)
+    )
+    assert kind(sure) == "warn" and kind(replace(sure, calibration=None)) == "good"
     left = replace(record, verdict="unexplained", unexplained_by="structure")
     (said,) = [s.say(PLAIN) for s in answer(left) if isinstance(s, Calibrated)]
     whose = "drawn from the best models of the catalogue, none of which explains these readings"

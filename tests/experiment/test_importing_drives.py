@@ -335,7 +335,7 @@ def recordings(folder: Path) -> Path:
 def test_each_group_has_the_recording_that_is_called_as_it_is(tmp_path: Path) -> None:
     folder = recordings(tmp_path)
     said = Options(columns=(Mapping("pulse", "group", None),), start_us=200.0)
-    (table,) = read_files([tmp_path / "launches.csv"], said, [folder])
+    (table,) = read_files([tmp_path / "launches.csv"], said, drives=[folder])
     assert [(g.id, g.drive.file, g.n_points) for g in table.groups] == [
         ("a", "drive-a.csv", 2),
         ("b", "drive-B.csv", 1),
@@ -352,7 +352,8 @@ def test_recordings_that_are_read_the_same_way_are_said_once(
     words = ["import", "launches.csv", "--drive", "scope", "--column", "pulse=group", "--start", "0.2:ms", *RIG]
     assert run(monkeypatch, *words, "--out", "rig") == 0
     said = capsys.readouterr().out
-    assert "B.csv: read like a.csv\n" in said and said.count("from 'Time (ms)'") == 1
+    assert "a.csv: read like B.csv\n" not in said and "B.csv: read like a.csv\n" in said
+    assert said.count("from 'Time (ms)'") == 1
     assert [g.drive.file for g in read_experiment("rig").groups] == ["drive-a.csv", "drive-B.csv"]
 
 
@@ -361,13 +362,43 @@ def test_each_file_has_the_recording_in_its_place(tmp_path: Path) -> None:
     for file in files:
         file.write_text(SWEEP, encoding="utf-8")
     said = Options(start_us=200.0, values=(("idle_v", (None, 1.5)),))
-    groups = [g for table in read_files(files, said, [folder / "B.csv", folder / "a.csv"]) for g in table.groups]
+    groups = [g for table in read_files(files, said, drives=[folder / "B.csv", folder / "a.csv"]) for g in table.groups]
     assert [(g.id, g.file, g.drive.file) for g in groups] == [
         (1, "group1.csv", "drive-B.csv"), (2, "group2.csv", "drive-a.csv"),
     ]  # fmt: skip
     assert [g.drive.idle_v for g in groups] == [0.0, 1.5], "what is said of each table stays with it"
-    (alone,) = read_files(files[:1], Options(start_us=200.0), [folder / "a.csv"])
+    (alone,) = read_files(files[:1], Options(start_us=200.0), drives=[folder / "a.csv"])
     assert alone.groups[0].drive.file == "drive.csv", "one recording is that of all groups"
+
+
+def test_files_have_the_recording_of_their_name_in_a_folder(tmp_path: Path) -> None:
+    """Names decide, not an order; a label may be the name of a file; one recording alone is no other group's."""
+    folder = recordings(tmp_path)
+    files = [tmp_path / name for name in ("b.csv", "a.csv")]
+    for file in files:
+        file.write_text(SWEEP, encoding="utf-8")
+    tables = read_files(files, Options(start_us=200.0), drives=[folder])
+    assert [g.drive.file for t in tables for g in t.groups] == ["drive-B.csv", "drive-a.csv"]
+    grouped = Options(columns=(Mapping("pulse", "group", None),), start_us=200.0)
+    launches = tmp_path / "launches.csv"
+    launches.write_text(LAUNCHES.replace("\nb;", "\nb.csv;"), encoding="utf-8")
+    (table,) = read_files([launches], grouped, drives=[folder])
+    assert [g.drive.file for g in table.groups] == ["drive-a.csv", "drive-B.csv"]
+    (folder / "B.csv").unlink()
+    for file, said in ((launches, grouped), (files[0], Options(start_us=200.0))):
+        with pytest.raises(InputError, match="no recording of --drive is called 'b"):
+            read_files([file], said, drives=[folder])
+
+
+def test_labelled_traces_have_the_recordings_of_their_files(tmp_path: Path) -> None:
+    folder, names = recordings(tmp_path), ("b", "a")
+    for name in names:
+        rows = "".join(f"{50 * k};{k * k / 10};{name}\n".replace(".", ",") for k in range(12))
+        (tmp_path / f"{name}.csv").write_text(f"t (us);x (um);pulse\n{rows}", encoding="utf-8")
+    values = (("frequency_hz", 500.0), ("amplitude_v", 30.0))
+    said = Options(columns=(Mapping("pulse", "group", None),), start_us=0.0, values=values)
+    tables = read_files([tmp_path / f"{name}.csv" for name in names], said, drives=[folder])
+    assert [g.drive.file for t in tables for g in t.groups] == ["drive-B.csv", "drive-a.csv"]
 
 
 def test_recordings_without_a_group_and_groups_without_one_are_refused(tmp_path: Path) -> None:
@@ -378,14 +409,14 @@ def test_recordings_without_a_group_and_groups_without_one_are_refused(tmp_path:
         copy.write_text(scope(), encoding="utf-8")
     (tmp_path / "empty").mkdir()
     for drives, said, message in (
-        ([a, folder / "c.csv"], grouped, "no recording of --drive is called 'b'; name the recording 'b.csv'"),
-        ([folder], grouped, "1 recording of --drive has no group: 'c.csv'; leave out what has none"),
+        ([a, folder / "c.csv"], grouped, "no recording of --drive is called 'b'; add 'b.csv'"),
+        ([folder], grouped, "1 recording of --drive has no group: 'c.csv'; leave out, or take out of the folder"),
         ([a, b], replace(grouped, columns=()), "2 recordings of --drive and 1 file; give one for each file"),
         ([a, other], grouped, "two recordings of --drive are called 'a'; rename one"),
         ([tmp_path / "empty"], grouped, "the folder holds no file"),
     ):
         with pytest.raises(InputError) as caught:
-            read_files([file], said, drives)
+            read_files([file], said, drives=drives)
         assert message in str(caught.value)
 
 

@@ -16,6 +16,7 @@ import pytest
 from scipy.special import logsumexp
 from truths import FEW
 
+from psafit.diagnose.results import without_of
 from psafit.errors import ConvergenceError
 from psafit.model_search import SearchSettings
 from psafit.model_search.fitter import Fitted
@@ -177,6 +178,17 @@ def test_a_tie_does_not_rest_on_estimates_alone() -> None:
     assert ranked(evidence, {(): 0.0, ("a",): 0.0, ("b",): 0.9}).decisive == (("a",),)
     assert ranked({(): 0.0, ("a",): 20.0, ("b",): 6.0}, {(): 0.0, ("a",): 0.0}).decisive == (("a",),)
     assert ranked({(): 0.0, **{(id,): -0.5 for id in "abc"}}, {(): 0.0}).decisive == ((),)
+
+
+def test_the_best_without_a_cause_is_no_set_with_what_is_likely_and_does_nothing() -> None:
+    believed = BELIEFS | {"x": 0.9}
+    evidence = {(): 0.0, ("a", "b"): 40.0, ("a",): 21.0, ("b",): 12.0, ("b", "c"): 29.0, ("x",): -0.1, ("a", "x"): 20.9}
+    found = ranked(evidence, {ids: 0.0 for ids in evidence}, beliefs=believed)
+    assert [found.without(id) for id in "ab"] == [("b", "c"), ("a",)]
+    assert found.standing(("a", "b")) - found.standing(("b", "c")) == pytest.approx(11.0)
+    assert [(w.cause, w.terms, round(w.nats, 1), w.sampled) for w in without_of(found, ("a", "b"))] == [
+        ("a", ["b", "c"], 11.0, True), ("b", ["a"], round(19.0 + math.log(0.04 / 0.96), 1), True),
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

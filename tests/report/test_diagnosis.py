@@ -519,17 +519,16 @@ def test_what_decides_little_or_no_better_than_others_is_said():
     first = replace(make_record(make_experiment()).next_experiment.proposals[0], separation=2.4, error=0.1)
     near, far = replace(first, separation=2.2), replace(first, separation=2.0)
     separates = NextExperiment.of([first, near, far], Purpose("separate", [["gap"], ["preload"]]))
-    beyond = "Frequencies and amplitudes beyond those measured are tried where [limits] allows them."
     assert Next(separates, more=False).say(PLAIN) == (
         "Next, measure sine, 20 V: it separates gap from preload, with an expected lead of 2.4 +- 0.1 nats, hardly"
-        f" enough to decide; 1 other proposal may do as well. {beyond}"
+        " enough to decide; 1 other proposal may do as well."
     )
     clear = [replace(first, separation=x) for x in (49.0, 48.0, 40.0)]
     assert NextExperiment.of(clear, separates.purpose).as_good == 1  # beyond 45 nats none is better
     known = NextExperiment.of([first], Purpose("narrow", parameter="k_c"), weak=False)
     assert Next(known, more=False).say(PLAIN) == (
         "Next, measure sine, 20 V: it best determines k_c (contact stiffness), whose standard deviation falls by"
-        f" about 91 %; so far it is known to less than half its prior's width. {beyond}"
+        " about 91 %; so far it is known to less than half its prior's width."
     )
 
 

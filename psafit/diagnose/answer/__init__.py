@@ -163,7 +163,7 @@ def _rivals(d: Diagnosis) -> Iterator[Rival]:
             None if d.mostly_unnamed else p,
             own / p if own and p else None,
             ids in d.by_likelihood,
-            bool(model.implausible),
+            any(not _sharper(name, model.parameters[name]) for name in model.implausible),
             better if better - more > math.log(CREDIBLE / (1 - CREDIBLE)) else None,
         )
 

@@ -38,6 +38,8 @@ _NONE: dict[Why, str] = {
 _P_VALUE: dict[Objection, str] = {"tests": "family-wise p", "together": "p", "tails": "p without them"}
 # Sets that do as well as what is named, and are named one by one.
 _TIED = 6
+# Nats from which an estimate is given without a digit behind the point.
+_ROUNDED = 3.0
 
 
 @dataclass(frozen=True)
@@ -310,9 +312,9 @@ class Replaced(Statement):
         return words.put("{} in its place", words.causes(new) if new else "nothing")
 
     def _behind(self, w: Without, words: Words) -> str:
-        """How much less evidence it has; that of a short fit is rounded."""
-        size = words.nats(abs(w.nats)) if w.sampled else words.number(f"about {abs(w.nats):.0f} nats")
-        return words.put("{} {} evidence", size, "less" if w.nats >= 0 else "more")
+        """How far behind it is; by a short fit that is an estimate."""
+        about = words.number(f"{w.nats:.0f} nats") if w.nats >= _ROUNDED else words.nats(w.nats)
+        return words.put("{} behind", words.nats(w.nats) if w.sampled else words.put("about {}", about))
 
 
 def _first(texts: list[str]) -> list[str]:

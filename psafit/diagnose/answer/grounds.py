@@ -14,6 +14,9 @@ from psafit.experiment import GroupId
 from psafit.model_search.model_set import LookedAt
 from psafit.text import fixed, significant
 
+_TRUTHS = 4
+"""Sets that are listed of those that have made such answers."""
+
 
 @dataclass(frozen=True)
 class OneGroup(Statement):
@@ -131,11 +134,14 @@ class Calibrated(Statement):
             how = "{} What was named had a probability of {} on average, and was right in {} of {}."
             text = words.put(how, text, words.per_cent(c.printed), c.right.n, c.right.of)
             if c.overstated:
-                text = words.put("{} So the probabilities here are too high.", text)
-        if made := c.behind(self.verdict, self.named):
-            each = words.listed(words.put("{} in {}", words.causes(truth), n) for truth, n in made)
-            same = sum(n for _, n in made)
-            text = words.put("{} Of the {} with the verdict and the name given here, it was {}.", text, same, each)
+                text = words.put("{} That is less than chance explains: the probabilities here are too high.", text)
+        made = c.behind(self.verdict, self.named) if self.explains else []
+        if made:
+            each = [words.put("{} ({})", words.causes(truth), n) for truth, n in made[:_TRUTHS]]
+            rest = [f"others ({n})"] if (n := sum(n for _, n in made[_TRUTHS:])) else []
+            how = "{} Those with the verdict{} given here ({}) were made by {}."
+            name = " and the name" if self.named else ""
+            text = words.put(how, text, name, sum(n for _, n in made), words.listed([*each, *rest]))
         if c.intervals:
             how = "{} 90 % intervals held {} of the {} true values ({}){}."
             narrow = ": they are too narrow here" if c.narrow else ""

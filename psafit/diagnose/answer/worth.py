@@ -123,11 +123,10 @@ class Next(Statement):
     more: bool
 
     def say(self, words: Words) -> str:
-        first, equal, beyond = self.found.proposals[0], self.found.as_good, ""
+        first, equal = self.found.proposals[0], self.found.as_good
         how = "No measurement within the ranges measured, or those of [limits], would show much: {}, {}"
         if self.found.recommended:
             how = "Next, measure {}: it {}" if equal else "Next, measure {}: it best {}"
-            beyond = " Frequencies and amplitudes beyond those measured are tried where [limits] allows them."
         others = f"; {count(equal, 'other proposal')} may do as well." if equal else "."
         rest = " It separates the two likeliest sets; without --quick up to four are compared." if self.more else ""
-        return words.put(how + others + rest + beyond, words.number(first.text), self.found.promise(first, words))
+        return words.put(how + others + rest, words.number(first.text), self.found.promise(first, words))

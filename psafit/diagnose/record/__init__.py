@@ -131,7 +131,7 @@ class Diagnosis(Brief):
         Larger sets than what is named, or than the baseline of an adequate verdict, for which the readings speak by
         too little to go on from.
     without : list of Without
-        Of each named cause the most probable set that lacks it, the nearest first.
+        Of each named cause the best set that lacks it, the nearest first.
     looks : list of Look
         What a look at the rig itself would show of the reported causes, without launches; see `psafit.diagnose.looks`.
     calibration : Calibration, optional

@@ -177,7 +177,7 @@ class Counted:
 
 @dataclass(frozen=True)
 class Without:
-    """The most probable set of all fitted that lacks a cause of the named one.
+    """The best set of all fitted that lacks a cause of the named one.
 
     Parameters
     ----------
@@ -185,9 +185,9 @@ class Without:
     terms : list of str
         The set; none for the baseline.
     nats : float
-        Log evidence that the named set has more.
+        Log posterior that the named set has more, where causes that are likely beforehand count as even odds.
     sampled : bool
-        Whether that of the set was sampled; otherwise it is the estimate of a short fit.
+        Whether the evidence of the set was sampled; otherwise it is the estimate of a short fit.
     """
 
     cause: str

@@ -24,7 +24,7 @@ from psafit.experiment.drive_table import PERIOD, RECORDED, read_drive
 from psafit.experiment.importing.chosen import ERROR_OF, HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
 from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.contradicted import check_above, unread
-from psafit.experiment.importing.driven import by_label, in_folders, in_order, named_apart
+from psafit.experiment.importing.driven import all_used, by_label, called, in_folders, of_files
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, Row, grids
 from psafit.experiment.importing.layout import (
@@ -68,7 +68,9 @@ Read = TypeVar("Read")
 __all__ = ["COLUMN_NAMES", "SETTABLE", "Imported", "Mapping", "Options", "Table", "read_files", "write_import"]
 
 
-def read_files(files: Sequence[Path], options: Options, drives: Sequence[Path] = (), examples: int = 3) -> list[Table]:
+def read_files(
+    files: Sequence[Path], options: Options, *, drives: Sequence[Path] = (), examples: int = 3
+) -> list[Table]:
     """Read tables of measurements in whatever form.
 
     Parameters
@@ -77,8 +79,9 @@ def read_files(files: Sequence[Path], options: Options, drives: Sequence[Path] =
         Text with any separator, or workbooks.
     options : Options
     drives : sequence of Path
-        Files of drives, or a folder of them: one of all tables; or one of each group, called as its label; or one of
-        each file, in their order.
+        Files of drives, or a folder of them. A single file is the drive of all tables. Otherwise each group has the one
+        that is called as its label is; without labels each file has the one in its place, or of a folder that of its
+        name.
     examples : int
         Rows of each table that are kept as they were understood.
 
@@ -92,17 +95,23 @@ def read_files(files: Sequence[Path], options: Options, drives: Sequence[Path] =
     InputError
         Where something cannot be read, is impossible, or can be understood in two ways.
     """
-    given = in_folders(drives)
-    if len(given) < 2:
+    given, named = in_folders(drives), any(place.is_dir() for place in drives)
+    if len(given) < 2 and not named:
         return _read(files, replace(options, drive_file=given[0] if given else options.drive_file), examples)
-    named_apart(given)
+    apart = {drive.resolve() for drive in given}
+    files = [file for file in files if file.resolve() not in apart] or files
     if any(mapping.column == GROUPS for mapping in options.columns):
         return by_label([_read(files, replace(options, drive_file=drive), examples) for drive in given], given)
-    if len(files) != len(given):
+    if named:
+        own = [drive for file in files for drive in called([file.stem], given, file)]
+        all_used(own, given)
+    elif len(files) == len(given):
+        own = given
+    else:
         remedy = "give one for each file in their order, or say --column HEADING=group of a column that names them"
         raise InputError(f"{len(given)} recordings of --drive and {count(len(files), 'file')}", remedy)
-    own = (replace(options.of_table(k, len(files)), drive_file=drive) for k, drive in enumerate(given))
-    return in_order([_read([file], its, examples) for file, its in zip(files, own, strict=True)], given)
+    each = (replace(options.of_table(k, len(files)), drive_file=drive) for k, drive in enumerate(own))
+    return of_files([_read([file], its, examples) for file, its in zip(files, each, strict=True)], own)
 
 
 def _read(files: Sequence[Path], options: Options, examples: int) -> list[Table]:

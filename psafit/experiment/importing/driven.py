@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from psafit.errors import Faults, InputError
+from psafit.experiment.definition import id_of
 from psafit.experiment.importing.recorded import ALL
 from psafit.experiment.importing.records import Table, file_of
 from psafit.experiment.records import Group
@@ -15,7 +17,13 @@ from psafit.text import count
 
 
 def in_folders(given: Iterable[Path]) -> list[Path]:
-    """Files, and those in folders, by name."""
+    """Return files, and those in folders, by name.
+
+    Raises
+    ------
+    InputError
+        Where a folder is empty, or two have one name: they would be one file of the experiment.
+    """
     found: list[Path] = []
     for place in given:
         if not place.is_dir():
@@ -24,67 +32,93 @@ def in_folders(given: Iterable[Path]) -> list[Path]:
             found += inside
         else:
             raise InputError("the folder holds no file", "give one with recordings", file=place)
+    names = [_plain(drive.stem) for drive in found]
+    if twice := [drive for drive, name in zip(found, names, strict=True) if names.count(name) > 1]:
+        raise InputError(f"two recordings of --drive are called {shown(twice[0].stem)}", "rename one", file=twice[0])
     return found
 
 
-def named_apart(drives: Sequence[Path]) -> None:
-    """Refuse recordings of one name: they would be one file of the experiment."""
-    stems = [drive.stem.casefold() for drive in drives]
-    if twice := [drive for drive, stem in zip(drives, stems, strict=True) if stems.count(stem) > 1]:
-        raise InputError(f"two recordings of --drive are called {shown(twice[0].stem)}", "rename one", file=twice[0])
+def called(names: Sequence[str], drives: Sequence[Path], file: Path) -> list[Path]:
+    """Return the drive that each name is that of, with the file's ending or without.
+
+    Raises
+    ------
+    InputError
+        For each name that no drive has.
+    """
+    known = {_plain(text): drive for drive in drives for text in (drive.stem, drive.name)}
+    faults = Faults()
+    for name in dict.fromkeys(names):
+        if _plain(name) not in known:
+            wanted = name if name.endswith(drives[0].suffix) else name + drives[0].suffix
+            faults.add(
+                InputError(f"no recording of --drive is called {shown(name)}", f"add {shown(wanted)}", file=file)
+            )
+    faults.end()
+    return [known[_plain(name)] for name in names]
+
+
+def all_used(used: Iterable[Path], drives: Sequence[Path]) -> None:
+    """Refuse recordings that no group has."""
+    names = [shown(drive.name) for drive in drives if drive not in {*used}]
+    if names:
+        what = f"{count(len(names), 'recording')} of --drive has no group: {listed(names[:3])}"
+        raise InputError(what, "leave out, or take out of the folder, what has none")
 
 
 def by_label(reads: Sequence[Sequence[Table]], drives: Sequence[Path]) -> list[Table]:
-    """Return tables each of whose groups has the drive whose file is called as its label is.
+    """Return tables each of whose groups has the drive that is called as its label is, or as its file.
 
     Parameters
     ----------
     reads : sequence of sequence of Table
         The same tables, read with each drive for all groups.
     drives : sequence of Path
-
-    Raises
-    ------
-    InputError
-        Where a group has no drive, or a drive no group.
     """
-    called = {drive.stem.casefold(): k for k, drive in enumerate(drives)}
-    found, faults, free = [], Faults(), set(range(len(drives)))
+    found, free = [], list(drives)
     for number, table in enumerate(reads[0]):
+        lacking = [g.drive.file == ALL for g in table.groups]  # others were recorded next to a trace
+        labels = [
+            label or table.file.stem for (_, label), lacks in zip(table.labelled_groups, lacking, strict=True) if lacks
+        ]
+        own = iter(called(labels, drives, table.file))
         groups, recordings = [], []
-        for k, (group, label) in enumerate(table.labelled_groups):
-            which = called.get(label.strip().casefold())
-            if group.drive.file != ALL:  # it was recorded next to a trace
+        for k, group in enumerate(table.groups):
+            if not lacking[k]:
                 groups.append(group)
-            elif which is None:
-                remedy = f"name the recording {shown(label + drives[0].suffix)}"
-                faults.add(InputError(f"no recording of --drive is called {shown(label)}", remedy, file=table.file))
-            else:
-                groups.append(_with(drives[which], reads[which][number].groups[k]))
-                recordings += [one for read in reads[which] for one in read.recordings if which in free]
-                free.discard(which)
+                continue
+            drive = next(own)
+            read = reads[drives.index(drive)]
+            groups.append(_with(drive, drives, read[number].groups[k]))
+            if drive in free:
+                recordings += [one for tables in read for one in tables.recordings]
+                free.remove(drive)
         found.append(replace(table, groups=tuple(groups), recordings=tuple(recordings)))
-    faults.end()
-    if free:
-        names = listed([shown(drives[k].name) for k in sorted(free)][:3])
-        raise InputError(f"{count(len(free), 'recording')} of --drive has no group: {names}", "leave out what has none")
+    all_used([drive for drive in drives if drive not in free], drives)
     return found
 
 
-def in_order(reads: Sequence[Sequence[Table]], drives: Sequence[Path]) -> list[Table]:
-    """Return tables of several files, each read with its own drive; their groups count from 1."""
+def of_files(reads: Sequence[Sequence[Table]], drives: Sequence[Path]) -> list[Table]:
+    """Return the tables of several files, each read with its own drive; their groups count from 1."""
     found: list[Table] = []
     for tables, drive in zip(reads, drives, strict=True):
         for table in tables:
             first = sum(len(before.groups) for before in found) + 1
             groups = (replace(g, id=k, file=file_of(k)) for k, g in enumerate(table.groups, first))
-            found.append(replace(table, groups=tuple(_with(drive, g) if g.drive.file == ALL else g for g in groups)))
+            own = tuple(_with(drive, drives, g) if g.drive.file == ALL else g for g in groups)
+            found.append(replace(table, groups=own))
     return found
 
 
-def _with(drive: Path, group: Group) -> Group:
-    """A group whose drive is a file of its own."""
-    return replace(group, drive=replace(group.drive, file=f"drive-{drive.stem}.csv"))
+def _plain(text: str) -> str:
+    return unicodedata.normalize("NFC", text).strip().casefold()
 
 
-__all__ = ["by_label", "in_folders", "in_order", "named_apart"]
+def _with(drive: Path, drives: Sequence[Path], group: Group) -> Group:
+    """A group whose drive is a file of its own, named like the recording where any system takes that name."""
+    name = id_of(drive.stem)
+    file = f"drive-{name}.csv" if isinstance(name, str) else f"drive-{drives.index(drive) + 1}.csv"
+    return replace(group, drive=replace(group.drive, file=file))
+
+
+__all__ = ["all_used", "by_label", "called", "in_folders", "of_files"]

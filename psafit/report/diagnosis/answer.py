@@ -47,8 +47,8 @@ _AGAINST: Final[dict[Objection, str]] = {
 _QUESTIONS: Final[dict[Topic, str]] = {
     "scope": "",
     "adequate": "Is the baseline adequate?",
-    "trust": "How often is such a verdict right here?",
     "wrong": "What is wrong, and why?",
+    "trust": "How often is such a verdict right here?",
     "gained": "What was gained?",
     "next": "What next?",
 }
@@ -147,7 +147,7 @@ def kind(result: Diagnosis) -> str:
     implausible values; and at these conditions such names may be wrong more often than they say.
     """
     doubtful = result.verdict == "adequate" and kept(result) < 0.5
-    if result.verdict == "explained" and result.calibration and result.calibration.overstated:
+    if result.verdict in ("adequate", "explained") and result.calibration and result.calibration.overstated:
         return "warn"
     if result.unexplained_by == "law" or (result.verdict == "adequate" and any(not b.terms for b in result.laws)):
         return "bad"
