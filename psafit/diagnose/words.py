@@ -82,8 +82,13 @@ class Words:
         """Return nats with one digit behind the point."""
         return self.number(f"{fixed(value, 1)} nats")
 
-    def share(self, value: float, least: float = 0.01) -> str:
-        """Return a probability: in whole per cent, with two digits below `least`."""
+    def share(self, value: float, least: float = 0.01, nothing: float = 1e-5) -> str:
+        """Return a probability: in whole per cent, with two digits below `least`; not below `nothing`, which says that.
+
+        What is less hangs on the tails of priors and scatter, which nobody knows.
+        """
+        if 0.0 < value < nothing:
+            return self.put("under {}", self.fraction(nothing))
         return self.per_cent(value) if value >= least else self.fraction(value)
 
     def fraction(self, value: float) -> str:

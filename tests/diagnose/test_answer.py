@@ -187,6 +187,12 @@ def test_a_tied_set_that_fits_better_is_said_to() -> None:
     assert "fits better" not in said(6.9, more=4) and "fits better" not in said(2.0)
 
 
+def test_a_chance_has_no_more_digits_than_the_tails_of_priors_deserve() -> None:
+    assert [PLAIN.share(p) for p in (0.4, 0.004, 2e-5, 6.5e-16, 0.0)] == [
+        "40 %", "0.4 %", "0.002 %", "under 0.001 %", "0 %",
+    ]  # fmt: skip
+
+
 def test_what_would_be_named_without_each_cause_is_said() -> None:
     d = replace(record(), verdict="explained", alternatives=[], named=["gap", "preload"])
     d = replace(
@@ -222,7 +228,7 @@ def test_a_damping_that_is_none_is_said_to_be_so() -> None:
     lag = Overdamped(990.0, 120.0)
     adopted = [replace(c, overdamped=lag) if c is d.best_model else c for c in d.causes]
     (one,) = of(replace(d, causes=adopted), Lagging)
-    assert one.say(PLAIN) == f"{lag.text}." and "lags by c_s/k_s, 120 us" in lag.text
+    assert one.say(PLAIN) == f"The{lag.text.removeprefix('the')}." and "lags by c_s/k_s, 120 us" in lag.text
     assert not of(d, Lagging)
 
 

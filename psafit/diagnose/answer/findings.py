@@ -427,7 +427,7 @@ class Lagging(Statement):
     found: Overdamped
 
     def say(self, words: Words) -> str:
-        return words.put("{}.", self.found.text)
+        return words.put("{}{}.", self.found.text[:1].upper(), self.found.text[1:])
 
 
 @dataclass(frozen=True)
