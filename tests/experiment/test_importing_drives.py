@@ -414,6 +414,11 @@ def test_recordings_without_a_group_and_groups_without_one_are_refused(tmp_path:
         ([a, b], replace(grouped, columns=()), "2 recordings of --drive and 1 file; give one for each file"),
         ([a, other], grouped, "two recordings of --drive are called 'a'; rename one"),
         ([tmp_path / "empty"], grouped, "the folder holds no file"),
+        (
+            [tmp_path / "a b.csv", tmp_path / "a_b.csv"],
+            grouped,
+            "two recordings of --drive are called 'a b'; rename one",
+        ),
     ):
         with pytest.raises(InputError) as caught:
             read_files([file], said, drives=drives)

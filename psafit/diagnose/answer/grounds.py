@@ -134,7 +134,7 @@ class Calibrated(Statement):
             how = "{} What was named had a probability of {} on average, and was right in {} of {}."
             text = words.put(how, text, words.per_cent(c.printed), c.right.n, c.right.of)
             if c.overstated:
-                text = words.put("{} That is less than chance explains: the probabilities here are too high.", text)
+                text = words.put("{} Chance does not explain that: the probabilities here are too high.", text)
         made = c.behind(self.verdict, self.named) if self.explains else []
         if made:
             each = [words.put("{} ({})", words.causes(truth), n) for truth, n in made[:_TRUTHS]]

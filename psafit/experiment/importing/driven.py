@@ -32,7 +32,7 @@ def in_folders(given: Iterable[Path]) -> list[Path]:
             found += inside
         else:
             raise InputError("the folder holds no file", "give one with recordings", file=place)
-    names = [_plain(drive.stem) for drive in found]
+    names = [str(id_of(drive.stem) or _plain(drive.stem)).casefold() for drive in found]
     if twice := [drive for drive, name in zip(found, names, strict=True) if names.count(name) > 1]:
         raise InputError(f"two recordings of --drive are called {shown(twice[0].stem)}", "rename one", file=twice[0])
     return found
