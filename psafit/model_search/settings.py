@@ -51,7 +51,7 @@ class SearchSettings(SampleSettings):
     missed : float
         Chance that a search never fits the set that would lead. It is a part of every probability that is printed. As
         measured for sets of one or two causes (docs/search-yardstick.md): k of n data sets missed by more than a nat
-        give (k + 1/2)/(n + 1). With more causes it is greater: one of five triples was missed.
+        give (k + 1/2)/(n + 1). With three it was tried on five data sets alone, and none was missed.
     """
 
     window: float = 5.0
