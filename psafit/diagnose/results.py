@@ -113,9 +113,9 @@ def counted_of(model_set: ModelSet, adopted: Candidate) -> list[Counted]:
 
 def without_of(model_set: ModelSet, named: Sequence[str]) -> list[Without]:
     """Of each named cause the best set that was fitted without it, the nearest first."""
-    own, others = model_set.standing(model_set.best_model.ids), {cause: model_set.without(cause) for cause in named}
+    own, others = model_set.standing[model_set.best_model.ids], {cause: model_set.without(cause) for cause in named}
     found = [
-        Without(cause, list(ids), own - model_set.standing(ids), ids in model_set.samples)
+        Without(cause, list(ids), own - model_set.standing[ids], ids in model_set.samples)
         for cause, ids in others.items()
     ]
     return sorted(found, key=lambda w: w.nats)

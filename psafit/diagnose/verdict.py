@@ -142,4 +142,4 @@ def _odds(model_set: ModelSet, left: Discrepancy, bare: Discrepancy, probability
 
 def _best_first(named: Ids, model_set: ModelSet) -> Ids:
     """Causes by what is lost without them: by the standing of the best model fitted that does not have them."""
-    return tuple(sorted(named, key=lambda id: model_set.standing(model_set.without(id))))
+    return tuple(sorted(named, key=lambda id: model_set.standing[model_set.without(id)]))

@@ -158,8 +158,9 @@ def load(folder: Path) -> Run:
     if not folder.is_dir():
         raise InputError("is not a run folder", "give a folder that psafit fit has written", file=folder)
     if not (folder / "fit.json").exists() and (folder / "diagnosis.json").exists():
-        fits = [f"the fit within it, {file.parent.name}" for file in sorted(folder.glob("*/fit.json"))]
-        remedy = f"read it with psafit.load_diagnosis, or give {(*fits, 'a folder that psafit fit has written')[0]}"
+        within = min((file.parent.name for file in folder.glob("*/fit.json")), default=None)
+        other = f"the fit within it, {within}" if within else "a folder that psafit fit has written"
+        remedy = f"read it with psafit.load_diagnosis, or give {other}"
         raise InputError("holds a diagnosis, not a fit", remedy, file=folder)
     record = read_json(folder / "fit.json", Fit, sealed=True)
     if not (folder / "posterior.json").exists():

@@ -16,6 +16,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.special import logsumexp
@@ -33,6 +34,8 @@ from psafit.text import set_name
 
 CREDIBLE = 0.95
 """Probability of the reported set."""
+DECISIVE = math.log(CREDIBLE / (1 - CREDIBLE))
+"""Such odds, in nats."""
 NEGLIGIBLE = 0.01
 """Probability of all sets that were not sampled below which they may be passed over in silence."""
 
@@ -172,13 +175,15 @@ class ModelSet:
         """Log prior probability of a model."""
         return log_prior(ids, self.beliefs)
 
-    def standing(self, ids: Ids) -> float:
-        """Log posterior of a model, not normalised, by which the best is chosen: see `at_even_odds`."""
-        return self.log_evidence[ids] + log_prior(ids, at_even_odds(self.beliefs))
+    @cached_property
+    def standing(self) -> dict[Ids, float]:
+        """Log posterior of each model, not normalised, where likely causes count as in `at_even_odds`."""
+        even = at_even_odds(self.beliefs)
+        return {ids: value + log_prior(ids, even) for ids, value in self.log_evidence.items()}
 
     def without(self, cause: str) -> Ids:
         """The model with the highest standing of those that lack a cause."""
-        return max((ids for ids in self.log_evidence if cause not in ids), key=lambda ids: (self.standing(ids), ids))
+        return max((ids for ids in self.standing if cause not in ids), key=lambda ids: (self.standing[ids], ids))
 
     def needed(self, named: Ids) -> tuple[Ids, ...]:
         """Sets that are needed, in addition to the named one, for 95 % of the probability; most probable first."""
@@ -197,13 +202,13 @@ class ModelSet:
         of the set by a factor `absurd`: a value can be found for almost anything. Most probable first.
         """
         own, models = self.of(named), {c.ids: c for c in self.candidates}
-        least, close = absurd * self.probability[named], math.log(CREDIBLE / (1 - CREDIBLE))
+        least = absurd * self.probability[named]
 
         def behind(c: Candidate) -> float:
             return own.log_likelihood - c.log_likelihood - (own.problem.n_dim - c.problem.n_dim)
 
         rivals = [ids for ids in self.by_probability(named) if ids in models and len(ids) <= len(named)]
-        return tuple(ids for ids in rivals if self.probability[ids] > least and behind(models[ids]) < close)
+        return tuple(ids for ids in rivals if self.probability[ids] > least and behind(models[ids]) < DECISIVE)
 
     def rivals(self, named: Ids) -> tuple[Ids, ...]:
         """Sets to report with the named one: those needed, and those that fit as well; most probable first."""

@@ -163,6 +163,7 @@ def test_what_is_said_of_it(tmp_path) -> None:
         record, verdict="explained", alternatives=[], calibration=summed([trial("gap", "explained", "x")] * 8)
     )
     assert kind(sure) == "warn" and kind(replace(sure, calibration=None)) == "good"
+    assert kind(replace(sure, unexplained_by="law")) == "bad", "a broken law is worse than a name that is too sure"
     left = replace(record, verdict="unexplained", unexplained_by="structure")
     (said,) = [s.say(PLAIN) for s in answer(left) if isinstance(s, Calibrated)]
     whose = "drawn from the best models of the catalogue, none of which explains these readings"

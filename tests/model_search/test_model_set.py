@@ -185,7 +185,7 @@ def test_the_best_without_a_cause_is_no_set_with_what_is_likely_and_does_nothing
     evidence = {(): 0.0, ("a", "b"): 40.0, ("a",): 21.0, ("b",): 12.0, ("b", "c"): 29.0, ("x",): -0.1, ("a", "x"): 20.9}
     found = ranked(evidence, {ids: 0.0 for ids in evidence}, beliefs=believed)
     assert [found.without(id) for id in "ab"] == [("b", "c"), ("a",)]
-    assert found.standing(("a", "b")) - found.standing(("b", "c")) == pytest.approx(11.0)
+    assert found.standing["a", "b"] - found.standing["b", "c"] == pytest.approx(11.0)
     assert [(w.cause, w.terms, round(w.nats, 1), w.sampled) for w in without_of(found, ("a", "b"))] == [
         ("a", ["b", "c"], 11.0, True), ("b", ["a"], round(19.0 + math.log(0.04 / 0.96), 1), True),
     ]  # fmt: skip

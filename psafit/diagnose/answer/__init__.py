@@ -6,7 +6,6 @@ causes, groups and numbers from `psafit.diagnose.words.Words`: the record's plai
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
@@ -41,7 +40,7 @@ from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.record.models import NOT_EXCLUDED, NOT_PRESENT, UNSEEN, CauseResult, ParameterResult
 from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.inference import noise
-from psafit.model_search.model_set import CREDIBLE
+from psafit.model_search.model_set import DECISIVE
 from psafit.model_search.visibility import VISIBLE
 from psafit.observables import OBSERVABLES
 from psafit.parameters import Belief, leading_belief
@@ -163,8 +162,8 @@ def _rivals(d: Diagnosis) -> Iterator[Rival]:
             None if d.mostly_unnamed else p,
             own / p if own and p else None,
             ids in d.by_likelihood,
-            any(not _sharper(name, model.parameters[name]) for name in model.implausible),
-            better if better - more > math.log(CREDIBLE / (1 - CREDIBLE)) else None,
+            bool(_doubtful(model)),
+            better if better - more > DECISIVE else None,
         )
 
 
@@ -179,9 +178,7 @@ def _values(d: Diagnosis) -> Iterator[Statement]:
         yield BySession(d.best_model.sessions)
     # Of a baseline that is wrong no value is believed anyway.
     named = [d.best_model] if d.best_model and (d.named or d.verdict == "adequate") else []
-    found = [(c.terms, [(name, c.parameters[name]) for name in c.implausible]) for c in [*named, *tied]]
-    doubtful = [(terms, [value for value in values if not _sharper(*value)]) for terms, values in found]
-    if odd := [(terms, values) for terms, values in doubtful if values]:
+    if odd := [(c.terms, values) for c in [*named, *tied] if (values := _doubtful(c))]:
         yield Implausible(odd)
     if named and (lag := named[0].overdamped):
         yield Lagging(lag)
@@ -190,9 +187,13 @@ def _values(d: Diagnosis) -> Iterator[Statement]:
         yield Indistinct(max(again), len(again))
 
 
-def _sharper(name: str, p: ParameterResult) -> bool:
-    """Whether it is the width of a scatter, and smaller than its prior expects: that hides nothing."""
-    return name in _WIDTHS and p.prior_interval is not None and p.median < p.prior_interval[0]
+def _doubtful(c: CauseResult) -> list[tuple[str, ParameterResult]]:
+    """The implausible values of a model, but for a scatter narrower than its prior expects, which hides nothing."""
+
+    def sharper(name: str, p: ParameterResult) -> bool:
+        return name in _WIDTHS and p.prior_interval is not None and p.median < p.prior_interval[0]
+
+    return [(name, p) for name in c.implausible if not sharper(name, p := c.parameters[name])]
 
 
 def _sized(causes: list[CauseResult]) -> dict[str, ParameterResult]:

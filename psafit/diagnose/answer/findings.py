@@ -313,8 +313,10 @@ class Replaced(Statement):
 
     def _behind(self, w: Without, words: Words) -> str:
         """How far behind it is; by a short fit that is an estimate."""
+        if w.sampled:
+            return words.put("{} behind", words.nats(w.nats))
         about = words.number(f"{w.nats:.0f} nats") if w.nats >= _ROUNDED else words.nats(w.nats)
-        return words.put("{} behind", words.nats(w.nats) if w.sampled else words.put("about {}", about))
+        return words.put("about {} behind", about)
 
 
 def _first(texts: list[str]) -> list[str]:

@@ -103,7 +103,7 @@ def read_files(
     if any(mapping.column == GROUPS for mapping in options.columns):
         return by_label([_read(files, replace(options, drive_file=drive), examples) for drive in given], given)
     if named:
-        own = [drive for file in files for drive in called([file.stem], given, file)]
+        own = [called([file.stem], given, file)[file.stem] for file in files]
         all_used(own, given)
     elif len(files) == len(given):
         own = given

@@ -38,8 +38,8 @@ def in_folders(given: Iterable[Path]) -> list[Path]:
     return found
 
 
-def called(names: Sequence[str], drives: Sequence[Path], file: Path) -> list[Path]:
-    """Return the drive that each name is that of, with the file's ending or without.
+def called(names: Iterable[str], drives: Sequence[Path], file: Path) -> dict[str, Path]:
+    """Return the drive of each name, which is that of its file, with the ending or without.
 
     Raises
     ------
@@ -47,15 +47,15 @@ def called(names: Sequence[str], drives: Sequence[Path], file: Path) -> list[Pat
         For each name that no drive has.
     """
     known = {_plain(text): drive for drive in drives for text in (drive.stem, drive.name)}
-    faults = Faults()
-    for name in dict.fromkeys(names):
+    faults, asked = Faults(), dict.fromkeys(names)
+    for name in asked:
         if _plain(name) not in known:
             wanted = name if name.endswith(drives[0].suffix) else name + drives[0].suffix
             faults.add(
                 InputError(f"no recording of --drive is called {shown(name)}", f"add {shown(wanted)}", file=file)
             )
     faults.end()
-    return [known[_plain(name)] for name in names]
+    return {name: known[_plain(name)] for name in asked}
 
 
 def all_used(used: Iterable[Path], drives: Sequence[Path]) -> None:
@@ -75,26 +75,22 @@ def by_label(reads: Sequence[Sequence[Table]], drives: Sequence[Path]) -> list[T
         The same tables, read with each drive for all groups.
     drives : sequence of Path
     """
-    found, free = [], list(drives)
+    found: list[Table] = []
+    used: list[Path] = []
     for number, table in enumerate(reads[0]):
-        lacking = [g.drive.file == ALL for g in table.groups]  # others were recorded next to a trace
-        labels = [
-            label or table.file.stem for (_, label), lacks in zip(table.labelled_groups, lacking, strict=True) if lacks
-        ]
-        own = iter(called(labels, drives, table.file))
-        groups, recordings = [], []
-        for k, group in enumerate(table.groups):
-            if not lacking[k]:
-                groups.append(group)
-                continue
-            drive = next(own)
+        # A drive of another file was recorded next to a trace.
+        name = {
+            k: label or table.file.stem for k, (g, label) in enumerate(table.labelled_groups) if g.drive.file == ALL
+        }
+        drive_of = called(name.values(), drives, table.file)
+        groups, recordings = list(table.groups), []
+        for k, drive in ((k, drive_of[label]) for k, label in name.items()):
             read = reads[drives.index(drive)]
-            groups.append(_with(drive, drives, read[number].groups[k]))
-            if drive in free:
-                recordings += [one for tables in read for one in tables.recordings]
-                free.remove(drive)
+            groups[k] = _with(drive, drives, read[number].groups[k])
+            recordings += [] if drive in used else [one for tables in read for one in tables.recordings]
+            used.append(drive)
         found.append(replace(table, groups=tuple(groups), recordings=tuple(recordings)))
-    all_used([drive for drive in drives if drive not in free], drives)
+    all_used(used, drives)
     return found
 
 

@@ -147,8 +147,8 @@ def kind(result: Diagnosis) -> str:
     implausible values; and at these conditions such names may be wrong more often than they say.
     """
     doubtful = result.verdict == "adequate" and kept(result) < 0.5
-    if result.verdict in ("adequate", "explained") and result.calibration and result.calibration.overstated:
-        return "warn"
+    if result.calibration and result.verdict in ("adequate", "explained"):
+        doubtful = doubtful or result.calibration.overstated
     if result.unexplained_by == "law" or (result.verdict == "adequate" and any(not b.terms for b in result.laws)):
         return "bad"
     return "warn" if doubtful or result.unexplained_by == "values" else _KINDS[result.verdict]
