@@ -411,6 +411,7 @@ def test_recordings_without_a_group_and_groups_without_one_are_refused(tmp_path:
     for drives, said, message in (
         ([a, folder / "c.csv"], grouped, "no recording of --drive is called 'b'; add 'b.csv'"),
         ([folder], grouped, "1 recording of --drive has no group: 'c.csv'; leave out, or take out of the folder"),
+        ([folder], replace(grouped, columns=()), "'launches'; add 'launches.csv', or say --column HEADING=group of a"),
         ([a, b], replace(grouped, columns=()), "2 recordings of --drive and 1 file; give one for each file"),
         ([a, other], grouped, "two recordings of --drive are called 'a'; rename one"),
         ([tmp_path / "empty"], grouped, "the folder holds no file"),

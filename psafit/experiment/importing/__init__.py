@@ -24,7 +24,7 @@ from psafit.experiment.drive_table import PERIOD, RECORDED, read_drive
 from psafit.experiment.importing.chosen import ERROR_OF, HELD, SETTINGS, VOLTAGE, WAVEFORM, Chosen, option
 from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.contradicted import check_above, unread
-from psafit.experiment.importing.driven import all_used, by_label, called, in_folders, of_files
+from psafit.experiment.importing.driven import BY_COLUMN, all_used, by_label, called, in_folders, of_files
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, Row, grids
 from psafit.experiment.importing.layout import (
@@ -103,12 +103,12 @@ def read_files(
     if any(mapping.column == GROUPS for mapping in options.columns):
         return by_label([_read(files, replace(options, drive_file=drive), examples) for drive in given], given)
     if named:
-        own = [called([file.stem], given, file)[file.stem] for file in files]
+        own = [called([file.stem], given, file, otherwise=BY_COLUMN)[file.stem] for file in files]
         all_used(own, given)
     elif len(files) == len(given):
         own = given
     else:
-        remedy = "give one for each file in their order, or say --column HEADING=group of a column that names them"
+        remedy = f"give one for each file in their order, or {BY_COLUMN}"
         raise InputError(f"{len(given)} recordings of --drive and {count(len(files), 'file')}", remedy)
     each = (replace(options.of_table(k, len(files)), drive_file=drive) for k, drive in enumerate(own))
     return of_files([_read([file], its, examples) for file, its in zip(files, each, strict=True)], own)

@@ -38,8 +38,20 @@ def in_folders(given: Iterable[Path]) -> list[Path]:
     return found
 
 
-def called(names: Iterable[str], drives: Sequence[Path], file: Path) -> dict[str, Path]:
+BY_COLUMN = "say --column HEADING=group of a column that names them"
+
+
+def called(names: Iterable[str], drives: Sequence[Path], file: Path, *, otherwise: str = "") -> dict[str, Path]:
     """Return the drive of each name, which is that of its file, with the ending or without.
+
+    Parameters
+    ----------
+    names : iterable of str
+    drives : sequence of Path
+    file : Path
+        Whose names they are.
+    otherwise : str
+        What may be done instead of adding a recording.
 
     Raises
     ------
@@ -51,9 +63,8 @@ def called(names: Iterable[str], drives: Sequence[Path], file: Path) -> dict[str
     for name in asked:
         if _plain(name) not in known:
             wanted = name if name.endswith(drives[0].suffix) else name + drives[0].suffix
-            faults.add(
-                InputError(f"no recording of --drive is called {shown(name)}", f"add {shown(wanted)}", file=file)
-            )
+            remedy = f"add {shown(wanted)}" + (f", or {otherwise}" if otherwise else "")
+            faults.add(InputError(f"no recording of --drive is called {shown(name)}", remedy, file=file))
     faults.end()
     return {name: known[_plain(name)] for name in asked}
 
@@ -117,4 +128,4 @@ def _with(drive: Path, drives: Sequence[Path], group: Group) -> Group:
     return replace(group, drive=replace(group.drive, file=file))
 
 
-__all__ = ["all_used", "by_label", "called", "in_folders", "of_files"]
+__all__ = ["BY_COLUMN", "all_used", "by_label", "called", "in_folders", "of_files"]
