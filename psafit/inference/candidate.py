@@ -237,10 +237,14 @@ class Candidate:
         return np.array([joined_values(problem, values) for values in known])
 
 
+def roughly(problem: Problem, settings: FitSettings) -> Problem:
+    """A problem roughly simulated."""
+    return replace(problem, tolerance=max(problem.tolerance, settings.rough))
+
+
 def subsampled(problem: Problem, settings: FitSettings) -> Problem:
     """A problem roughly simulated, and of many readings with some of them only."""
-    every = max(problem.observed.size // settings.readings, 1)
-    return replace(problem.thinned(every), tolerance=max(problem.tolerance, settings.rough))
+    return roughly(problem, settings).thinned(max(problem.observed.size // settings.readings, 1))
 
 
 def fit(
@@ -288,9 +292,10 @@ def fit(
         effort = tried.effort + Effort(n_sets=n_drawn + end.effort.n_sets)
         return candidate_of(problem, across_steps(problem, replace(end, effort=effort), s), forgotten=s.forgotten)
     rows: list[FloatArray] = []
+    rough = roughly(problem, s)  # what a cause does may show in a few readings only
     for c in nested:
         new = [t for t in problem.terms if t.id not in c.ids]
-        rows += [widened(trial, u, new, seed=seed) for u in c.placed(trial, s.taken if c.ids == problem.ids else 1)]
+        rows += [widened(rough, u, new, seed=seed) for u in c.placed(rough, s.taken if c.ids == problem.ids else 1)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
         rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]

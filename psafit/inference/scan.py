@@ -1,17 +1,22 @@
 """Starts for causes that come to a model that is fitted already: scanned, and judged by what a refit would leave.
 
 A new cause at the right place fits worse than none as long as the others stay where they were. So each place is judged
-after a linear refit of the known parameters, which costs no simulation: with the readings' residual `r` and the change
-`e` that the cause makes, in units of the scatter, and `P` what no known parameter can do, it gains
+as it is, and after a linear refit of the known parameters, which costs no simulation: with the readings' residual `r`
+and the change `e` that the cause makes, in units of the scatter, and `P` what no known parameter can do, it gains
 ``(|P r|^2 - |P (r - e)|^2)/2`` nats.
+
+What acts by thresholds may do nothing at one strength, and far too much at the next. Between the two another one is
+simulated, where the change promises more than at either if it grows evenly, or where one of them is as good as any.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from psafit.arrays import FloatArray
@@ -33,13 +38,22 @@ class ScanSettings:
     draws : int
         Places of a cause with one parameter; of one with more, twice as many for each further.
     promising : int
-        Places at which the strength is changed to what a linear effect would want, and that are simulated again.
+        Strengths between known ones that are simulated in a round at most.
+    rounds : int
+        Of these; each halves what lies between two.
+    worth : float, nats
+        What a strength must promise beyond its neighbours to be simulated.
+    edges : int
+        Strengths simulated in a round, at most, for no promise: next to one that is as good as any, and does something
+        else than its neighbour.
+    near : float, nats
+        What one that is as good as any is below the best at most.
     starts : int
-        Places to begin from at most.
+        Places to begin from at most, as they are and refitted each.
     cosine : float
         Cosine of the angle between what two places do, refits apart, above which only the better is a start.
     reach : float
-        Factor by which a strength is changed at most.
+        Factor by which a strength may exceed the largest that was scanned.
     least : float, nats
         What a place to begin from must promise.
     off : float
@@ -48,8 +62,12 @@ class ScanSettings:
     """
 
     halvings: float = 24.0
-    draws: int = 64
-    promising: int = 16
+    draws: int = 32
+    promising: int = 8
+    rounds: int = 8
+    worth: float = 0.5
+    edges: int = 4
+    near: float = 3.0
     starts: int = 4
     cosine: float = 0.95
     reach: float = 8.0
@@ -92,8 +110,8 @@ def widened(
     -------
     (n, n_dim) array
         The known point first, and a little off it. Then of each cause its priors' medians, from where it can go even if
-        it moves nothing by itself, as a gain does whose sessions are all at their mean; and places, best first, the
-        known parameters refitted linearly.
+        it moves nothing by itself, as a gain does whose sessions are all at their mean; and places, best first: those
+        that gain by a linear refit of the known parameters, and those that gain as they are.
     """
     s, rows = settings or ScanSettings(), [known[None]]
     if not new:
@@ -105,8 +123,12 @@ def widened(
     def in_scatter(change: FloatArray) -> FloatArray:
         return noise.whitened((change / scatter)[None], values)[0]
 
-    def changed(places: FloatArray) -> FloatArray:
-        return in_scatter(problem.predict(places) - at_known)
+    def log_likelihood(predicted: FloatArray) -> FloatArray:
+        return noise.log_density(problem.observed, predicted, values, problem.known_sigma).sum(axis=1)
+
+    def simulated(places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        predicted = problem.predict(places)
+        return in_scatter(predicted - at_known), log_likelihood(predicted) - log_likelihood(at_known)
 
     added = {p.name for term in new for p in term.parameters}
     is_new = [name in added for name in problem.names]
@@ -122,57 +144,132 @@ def widened(
 
     wanted = left(residual)
     for term in new:
-        strength = problem.names.index(term.strength.name)
-        (neutral, *_) = halved(term.strength, np.array([np.inf]))[:, 0]
         rows.append(known[None].copy())
         for p in term.parameters:
             rows[-1][0, problem.names.index(p.name)] = p.prior_middle[1]
-        places = _scanned(problem, known, term, s, seed)
-        change = changed(places)
+        strength = problem.names.index(term.strength.name)
+        u, line = _scanned(problem, known, term, s, seed)
+        change, value = simulated(u)
+        for n in range(s.rounds):
+            (neutral, *_) = halved(term.strength, np.array([np.inf]))[:, 0]
+            nodes = _Nodes(neutral, u[:, strength], line, left(change), value)
+            of, at = nodes.between(wanted, s, again=n > 0)
+            if not of.size:
+                break
+            more = u[of]
+            more[:, strength] = np.clip(at, *problem.bounds[strength])
+            changes, values_there = simulated(more)
+            u, line = np.vstack([u, more]), np.append(line, line[of])
+            change, value = np.vstack([change, changes]), np.append(value, values_there)
         effect = left(change)
-        size = np.einsum("np,np->n", effect, effect)
-        along = effect @ wanted
-        with np.errstate(all="ignore"):
-            scaled = np.clip(np.nan_to_num(along / size), 1.0 / s.reach, s.reach)
-        hoped = scaled * (along - 0.5 * scaled * size)
-        best = np.argsort(-np.nan_to_num(hoped, nan=-np.inf), kind="stable")[: s.promising]
-        again = places[best]
-        again[:, strength] = neutral + scaled[best] * (again[:, strength] - neutral)
-        again = np.clip(again, problem.bounds[:, 0], problem.bounds[:, 1])
-        places = np.vstack([places, again])
-        change = np.vstack([change, changed(again)])
-        effect = left(change)
-        gain = np.nan_to_num(effect @ wanted - 0.5 * np.einsum("np,np->n", effect, effect), nan=-np.inf)
-        ranked = [k for k in np.argsort(-gain, kind="stable").tolist() if gain[k] > s.least]
-        chosen = _unlike(effect, ranked, s)
-        starts = places[chosen]
-        refit = (residual - change[chosen]) @ answer
+        chosen = _unlike(effect, _gained(effect, wanted), s)
+        starts = u[chosen]
         longest = FisherSettings.longest
-        starts[:, old] += np.clip(refit, -longest, longest)
-        rows.append(np.clip(starts, problem.bounds[:, 0], problem.bounds[:, 1]))
+        starts[:, old] += np.clip((residual - change[chosen]) @ answer, -longest, longest)
+        as_they_are = u[_unlike(change, value, s)]
+        rows.append(np.clip(np.vstack([starts, as_they_are]), problem.bounds[:, 0], problem.bounds[:, 1]))
     return np.vstack(rows)
 
 
-def _scanned(problem: Problem, known: FloatArray, term: Term, s: ScanSettings, seed: int) -> FloatArray:
-    """Places of a cause: its strength by halves from each bound, the rest from its priors."""
+def _gained(effect: FloatArray, wanted: FloatArray) -> FloatArray:
+    return effect @ wanted - 0.5 * np.einsum("np,np->n", effect, effect)
+
+
+class _Nodes(NamedTuple):
+    """Strengths of a cause that were simulated, on lines along which nothing else differs.
+
+    Parameters
+    ----------
+    neutral : float
+        The strength that does nothing; it is on every line.
+    strength : (n,) array
+    line : (n,) array of int
+        Which each is on.
+    effect : (n, n_points) array
+        What each does, refits apart.
+    value : (n,) array
+        What each gains as it is, nats.
+    """
+
+    neutral: float
+    strength: FloatArray
+    line: NDArray[np.intp]
+    effect: FloatArray
+    value: FloatArray
+
+    def between(self, wanted: FloatArray, s: ScanSettings, *, again: bool) -> tuple[NDArray[np.intp], FloatArray]:
+        """Return strengths between neighbours that are to be simulated, or beyond the last.
+
+        Parameters
+        ----------
+        wanted : (n_points,) array
+        s : ScanSettings
+        again : bool
+            Whether strengths between were tried already. Then take the middle, not where the change is hoped to be
+            best: it does not grow evenly.
+
+        Returns
+        -------
+        (k,) array of int and (k,) array
+            A node on the same line, and the new strength.
+        """
+        order = np.lexsort((np.abs(self.strength - self.neutral), self.line))
+        x, e, value = (a[order] for a in (self.strength, self.effect, self.value))
+        line = self.line[order]
+        last = np.append(line[1:] != line[:-1], True)
+        first = np.roll(last, 1)
+        low, at_low = np.where(first, self.neutral, np.roll(x, 1)), np.where(first[:, None], 0.0, np.roll(e, 1, axis=0))
+        # Beyond the last nothing is known: there the change is taken to go on as it has grown.
+        beyond = self.neutral + s.reach * (x[last] - self.neutral)
+        low, high = np.append(low, x[last]), np.append(x, beyond)
+        at_low, at_high = np.vstack([at_low, e[last]]), np.vstack([e, s.reach * e[last]])
+        with np.errstate(all="ignore"):
+            step = at_high - at_low
+            size = np.einsum("np,np->n", step, step)
+            part = np.clip(np.nan_to_num(np.einsum("np,np->n", wanted - at_low, step) / size), 0.0, 1.0)
+            hoped = _gained(at_low + part[:, None] * step, wanted)
+            known = np.fmax(_gained(at_low, wanted), np.append(_gained(e, wanted), np.full(last.sum(), -np.inf)))
+            hoped = np.where(hoped > known + s.worth, hoped, -np.inf)
+        best = np.argsort(-hoped, kind="stable")[: s.promising]
+        best = best[hoped[best] > s.least]
+        # Next to the best as they are, if they differ by a standard deviation. Their values take neither the scatter to
+        # be normal nor a refit to be linear.
+        value = np.nan_to_num(value, nan=-np.inf)
+        either = np.maximum(np.where(first, 0.0, np.roll(value, 1)), value)
+        unknown = np.where(either > max(value.max(), 0.0) - s.near, np.nan_to_num(size[: x.size]), 0.0)
+        edge = np.argsort(-unknown, kind="stable")[: s.edges]
+        edge = np.setdiff1d(edge[unknown[edge] > 1.0], best)
+        share = np.append(np.full(best.size, 0.5) if again else part[best], np.full(edge.size, 0.5))
+        chosen = np.append(best, edge)
+        return np.append(order, order[last])[chosen], low[chosen] + share * (high[chosen] - low[chosen])
+
+
+def _scanned(
+    problem: Problem, known: FloatArray, term: Term, s: ScanSettings, seed: int
+) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Places of a cause, its strength by halves from each bound, the rest from its priors; and the line each is on."""
     n = s.draws * 2 ** (len(term.parameters) - 1)
     quantiles = qmc.Sobol(len(term.parameters), rng=np.random.default_rng(seed)).random(n)
     places = np.repeat(known[None], n, axis=0)
     for p, quantile in zip(term.parameters, np.clip(quantiles.T, 1e-3, 1 - 1e-3), strict=True):
         if p is term.strength:
             sides = halved(p, s.halvings * quantile)
-            drawn = sides[np.arange(n) % len(sides), np.arange(n)]
+            side = np.arange(n) % len(sides)
+            drawn = sides[side, np.arange(n)]
         else:
             drawn = p.prior_quantile(quantile)
         places[:, problem.names.index(p.name)] = drawn
-    return places
+    return places, side if len(term.parameters) == 1 else np.arange(n)
 
 
-def _unlike(effect: FloatArray, ranked: Sequence[int], s: ScanSettings) -> list[int]:
-    """The first by rank of which none does what another does."""
+def _unlike(effect: FloatArray, gain: FloatArray, s: ScanSettings) -> list[int]:
+    """Those that gain most, of which none does what another does."""
     chosen: list[int] = []
-    for k in ranked:
+    gain = np.nan_to_num(gain, nan=-np.inf)
+    for k in np.argsort(-gain, kind="stable"):
+        if len(chosen) == s.starts or gain[k] <= s.least:
+            break
         size = np.linalg.norm(effect[[k, *chosen]], axis=1)
-        if len(chosen) < s.starts and (effect[k] @ effect[chosen].T < s.cosine * size[0] * size[1:]).all():
-            chosen.append(k)
+        if (effect[k] @ effect[chosen].T < s.cosine * size[0] * size[1:]).all():
+            chosen.append(int(k))
     return chosen

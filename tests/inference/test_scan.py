@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from psafit.experiment import read_experiment
+from psafit.inference.candidate import fit, optimised
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
-from psafit.inference.scan import ScanSettings, halved, widened
+from psafit.inference.scan import ScanSettings, _Nodes, halved, widened
 from psafit.inference.starts import joined_values
 from psafit.physics import terms
 
@@ -47,7 +48,7 @@ def test_a_scan_finds_strengths_of_any_size(problem, newtons):
     assert rows[0] == pytest.approx(known)
     nearest = np.abs(np.log2(larger.to_physical(rows)[1:, 3] / newtons)).min()
     assert nearest <= 1.0
-    assert len(rows) <= 3 + ScanSettings().starts
+    assert len(rows) <= 3 + 2 * ScanSettings().starts
 
 
 def test_a_scan_of_what_moves_nothing_by_itself_stays_small(problem):
@@ -78,6 +79,51 @@ def test_a_scan_finds_a_narrow_resonance_that_fits_worse_until_all_else_is_refit
     found = dict(zip(measured.names, measured.to_physical(end.u[0]), strict=True))
     assert found["frame_frequency"] == pytest.approx(frequency, rel=0.02)
     assert found["frame_compliance"] == pytest.approx(true["frame_compliance"], rel=0.3)
+
+
+@pytest.mark.parametrize(("k_c", "c_s", "c_c", "periods"), [(8.55e6, 3630.0, 5.0, 1.198), (5e6, 900.0, 60.0, 1.27)])
+def test_a_fit_finds_a_threshold_between_two_strengths(k_c, c_s, c_c, periods):
+    """A few hundredths of a period are right; a little less does nothing, a little more far too much."""
+    larger = Problem(EXPERIMENT, EXPERIMENT.ids, terms=terms(["repeat_impacts"]))
+    true = {"k_c": k_c, "c_s": c_s, "c_c": c_c, "repeat_cycles": periods, "sigma_rel": 0.05, "sigma_abs": 0.1}
+    at_truth = joined_values(larger, true)
+    exact = larger.predict(at_truth[None])[0]
+    read = exact * (1 + 0.05 * np.random.default_rng(1).standard_normal(exact.size))
+    measured = replace(larger, experiment=larger.experiment.with_readings(read))
+    plain = replace(measured, terms=())
+    known = optimised(plain, joined_values(plain, true)[None])
+    truth = optimised(measured, at_truth[None])
+    assert truth.log_posterior > known.log_posterior + 20
+    found = fit(measured, [known], seed=1, draws=64, most=4, fresh=False)
+    assert found.log_posterior > truth.log_posterior - 1
+
+
+def test_strengths_between_two_are_tried_where_the_change_grows_unevenly():
+    """A change that is too little below a strength, too much above another, and right in a hundredth of the way."""
+    s, wanted = ScanSettings(edges=0), np.ones(50)
+    line, strength = np.zeros(4, int), np.array([0.1, 1.0, 3.0, 6.0])
+
+    def effect(x):
+        return np.where(x < 2.0, 0.0, np.where(x < 2.02, 1.0, 9.0))[:, None] * wanted
+
+    def value(x):
+        return np.full(x.size, -np.inf)
+
+    for n in range(12):
+        of, at = _Nodes(0.0, strength, line, effect(strength), value(strength)).between(wanted, s, again=n > 0)
+        assert (np.abs(at - 2.0) < 1.1).all() and (n == 0 or at.size == 1)
+        strength, line = np.append(strength, at), np.append(line, line[of])
+        if (effect(strength)[:, 0] == 1.0).any():
+            break
+    assert 2 < n < 9
+    again = _Nodes(0.0, strength, line, effect(strength), value(strength)).between(wanted, s, again=True)
+    assert all(found.size == 0 for found in again)
+    # Lines of their own begin at the neutral strength, and may go on beyond the last.
+    two = np.array([1.0, 4.0])
+    of, at = _Nodes(0.0, two, np.arange(2), np.array([[0.25], [2.0]]) * wanted, value(two)).between(
+        wanted, s, again=False
+    )
+    assert sorted(zip(of.tolist(), at.tolist(), strict=True)) == [(0, 4.0), (1, 2.0)]
 
 
 def test_what_is_known_stays_where_it_is_and_what_is_new_begins_off_its_neutral_value_too(problem):
