@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from psafit.cli.common import DONE, JSON, QUIET, Command, Place, escaped, shown_path, warn, write_result
-from psafit.drives import NAMES
+from psafit.drives import NAMES, WAVEFORMS
 from psafit.errors import InputError
 from psafit.text import count
 
@@ -24,13 +24,16 @@ if TYPE_CHECKING:
     from psafit.experiment.importing.records import Held
 
 _VOLTS = ("peak", "pp", "rms")
+_WAVEFORM = (
+    f"Of all tables, or one for each: {', '.join(NAMES)}; or what the words of a column mean: sine=unipolar_sine."
+)
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank": " ", "blanks": "  "}
 
 
 @click.command("import", cls=Command, short_help="Make an experiment folder of what instruments write.")
 @click.argument("files", metavar="FILE...", type=Place("input"), nargs=-1, required=True)
 @click.option("--out", type=Place("folder"), required=True, help="Receives the folder; must be new, or empty.")
-@click.option("--waveform", metavar="NAME[,NAME...]", help=f"Of all tables, or one for each: {', '.join(NAMES)}.")
+@click.option("--waveform", metavar="NAME[,NAME...]", help=_WAVEFORM)
 @click.option(
     "--column",
     "columns",
@@ -111,11 +114,13 @@ def import_files(
     if len({file.resolve() for file in files}) < len(files):
         raise InputError("a file is named twice", "name each once: its readings would count twice")
     constants, held, counted = _values(values)
+    shapes = [] if waveform is None else [part.strip() for part in waveform.split(",")]
     options = Options(
         columns=tuple(itertools.chain.from_iterable(map(_mappings, columns))),
         values=held,
         counted=counted,
-        waveforms=tuple(part.strip() for part in waveform.split(",")) if waveform is not None else (),
+        waveforms=tuple(part for part in shapes if "=" not in part),
+        meant=tuple((said.strip(), name.strip()) for said, _, name in (p.partition("=") for p in shapes if "=" in p)),
         volts=volts,
         decimal=decimal,
         separator=_SEPARATORS[separator] if separator else None,
@@ -287,13 +292,22 @@ def _columns_text(table: Table) -> list[str]:
         read = count(g.n_points, "reading")
         if g.time_us is not None:
             read = f"{count(g.n_points, 'sample')} of the {g.observable.title}"
+        low, high = g.volts
         drive = f"drive of {reach(g.drive.table)}" if g.drive.table else g.waveform
+        swing = "" if g.drive.table else f", {low:.4g} to {high:.4g} V"
         bias = f" on {g.drive.bias_v:.4g} V" if g.drive.bias_v else ""
         at_rest = f" from {g.drive.idle_v:.4g} V" if g.drive.idle_v else ""
         phase = f" at {g.drive.phase_deg:g} degrees" if g.drive.phase_deg else ""
         lasts = f" for {g.drive.cycles:g} periods" if g.drive.cycles < math.inf else ""
         named = f" ({label!r})" if label else ""
-        lines.append(f"  group {g.id}{named}: {drive}{bias}{at_rest}{phase}{lasts}, {read}, {g.file}")
+        lines.append(f"  group {g.id}{named}: {drive}{bias}{at_rest}{phase}{lasts}{swing}, {read}, {g.file}")
+    about_zero = dict.fromkeys(g.waveform for g in table.groups if not g.drive.bias_v)
+    other = [f"unipolar_{name}" for name in about_zero if f"unipolar_{name}" in WAVEFORMS]
+    if other and any(column.volts == "pp" for column in table.columns):
+        lines.append(
+            f"  peak to peak is taken about 0 V; a drive that goes from 0 V is {' or '.join(other)}: say --waveform"
+            " (with another --out)"
+        )
     return lines
 
 

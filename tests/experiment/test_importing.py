@@ -361,7 +361,7 @@ def test_an_import_prints_its_labels_and_proposes_what_new_does(
     assert run(monkeypatch, "import", "a.csv", *given) == 0
     printed = capsys.readouterr().out
     assert "\n  'Day 1' has 3 labels; --column 'Day 1=group' makes a group of each (with another --out)\n" in printed
-    assert "group 1: sine at -30 degrees for 5 periods, 6 readings" in printed
+    assert "group 1: sine at -30 degrees for 5 periods, -20 to 20 V, 6 readings" in printed
     assert run(monkeypatch, "new", "begun") == 0
     written, begun = (Path(folder, "experiment.toml").read_text("utf-8") for folder in ("rig", "begun"))
     assert run(monkeypatch, "import", "a.csv", *given[:-1], "parted", "--column", "Day 1=group") == 0

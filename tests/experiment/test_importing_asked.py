@@ -287,7 +287,7 @@ def printed(
 def test_settings_are_printed(printed: Callable[[str], str]) -> None:
     shown = printed("f (Hz);Vp;Range (um);phase_deg;cycles\n1200;20;76;90;3\n")
     assert "phase 90 deg, cycles 3 periods" in shown
-    assert "group 1: sine at 90 degrees for 3 periods, 1 reading" in shown
+    assert "group 1: sine at 90 degrees for 3 periods, -20 to 20 V, 1 reading" in shown
 
 
 MATTERS = {
@@ -367,11 +367,30 @@ def test_a_column_of_waveforms_is_one_whatever_its_name(name: str, tmp_path: Pat
     content = f"f (Hz);Vp;Range (um);{name}\n1200;20;76;SIN\n1300;20;75;Rechteck\n"
     asked = refused(tmp_path, content)
     assert f"a column gives the waveform, '{name}'; leave out --waveform, or say " in asked
+    assert asked.endswith("such as --waveform sine=unipolar_sine,square=unipolar_square")
     (table,) = tables(tmp_path, content, waveforms=())
     assert [g.waveform for g in table.groups] == ["sine", "square"]
-    (table,) = tables(tmp_path, content, columns=tuple(proposed(asked)))
+    for column in ("ignore", "group"):  # or two waveforms would be taken for one
+        assert refused(tmp_path, content, columns=(Mapping(name, column, None),)) == asked
+    one = content.rpartition("1300")[0]
+    (table,) = tables(tmp_path, one, columns=tuple(proposed(refused(tmp_path, one))))
     assert [g.waveform for g in table.groups] == ["sine"]
     assert "no waveform" in refused(tmp_path, content.replace("SIN", "noise"), waveforms=())
+
+
+def test_words_of_a_column_mean_other_waveforms(tmp_path: Path) -> None:
+    """A generator that is offset calls its waveform a sine; peak to peak its amplitude is then the top."""
+    content = "f (Hz);Vpp;Range (um);Form\n1200;20;76;sine\n1300;20;75;Rechteck\n1400;20;75;saw\n"
+    meant = (("Sinus", "unipolar_sine"), ("square", "unipolar_square"), ("saw", "triangle"))
+    (table,) = tables(tmp_path, content, waveforms=(), meant=meant)
+    assert [g.waveform for g in table.groups] == ["unipolar_sine", "unipolar_square", "triangle"]
+    assert [g.amplitude_v.tolist() for g in table.groups] == [[20.0], [20.0], [10.0]]
+    assert "no row has the waveform 'ramp'" in refused(
+        tmp_path, content, waveforms=(), meant=(*meant, ("ramp", "sine"))
+    )
+    assert "'half' is no waveform" in refused(tmp_path, content, waveforms=(), meant=(("saw", "half"),))
+    bare = "f (Hz);Vp;Range (um)\n1;2;3\n"
+    assert "give one for each table" in refused(tmp_path, bare, waveforms=(), meant=meant[:1])
 
 
 def test_a_shape_of_something_else_is_no_waveform(tmp_path: Path) -> None:

@@ -189,7 +189,7 @@ def test_columns_and_files_are_groups(
     drive = ("--set", "frequency_hz=1,1.2:kHz,1.3:kHz", "--set", "amplitude_v=5,20,40:Vpp", "--waveform", "sine")
     where = ("--out", "rig", "--json", "out.json")
     assert run(monkeypatch, "import", "sweep.csv", "two.csv", "one.csv", *drive, *RIG, *where) == 0
-    assert "group 2: sine, 12 samples of the displacement, group2.csv" in capsys.readouterr().out
+    assert "group 2: sine, -20 to 20 V, 12 samples of the displacement, group2.csv" in capsys.readouterr().out
     data = read_experiment(Path("rig"))
     assert [g.observable.name for g in data.groups] == ["launch_range", "displacement", "velocity", "velocity"]
     assert [(g.frequency_hz[0], g.amplitude_v[0]) for g in data.groups[1:]] == [(1200, 20), (1200, 20), (1300, 20)]

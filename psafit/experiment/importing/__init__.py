@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from psafit.drives import NAMES, TABLE, Drive
+from psafit.drives import NAMES, TABLE, WAVEFORMS, Drive
 from psafit.errors import Faults, InputError, InputErrors
 from psafit.experiment.definition import id_of
 from psafit.experiment.drive_table import PERIOD, RECORDED, read_drive
@@ -38,7 +38,9 @@ from psafit.experiment.importing.layout import (
     names,
     number_rows,
     two_columns,
+    waveform,
     waveform_places,
+    words_in,
 )
 from psafit.experiment.importing.matters import above, check_trigger
 from psafit.experiment.importing.numerals import is_number
@@ -402,26 +404,39 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
     given = options.waveforms
     if len(given) > 1 and len(given) != len(found):
         raise InputError(f"{len(given)} waveforms for {len(found)} tables", "give one, or one for each")
-    for name in (name for name in given if name != TABLE):
+    plain = replace(options, meant=())
+    for name in (name for name in (*given, *(name for _, name in options.meant)) if name != TABLE):
         with faults.kept():
             try:
-                known_waveform(name, options)
+                known_waveform(name, plain)
             except CellFault as fault:
                 raise InputError(f"--waveform {fault.what}", fault.remedy) from fault
-    shapes = []
+    shapes: list[str] = []
+    used: list[str] = []
     for number, (grid, head) in enumerate(found):
         mapped = {place: m.column for m in options.columns for place in names(m, head.headings)}
         shaped = [p for p in waveform_places(grid, head) if p not in mapped]
         said = [*shaped, *(place for place, column in mapped.items() if column == WAVEFORM)]
         shape = "" if not given else given[0] if len(given) == 1 else given[number]
+        other = [p for p in waveform_places(grid, head) if p not in said and len(words_in(grid, head, p)) > 1]
         if options.drive and not said and not shape:
             shape = TABLE
-        if said and shape:
-            heading = head.headings[said[0]].text
-            remedy = f"leave out --waveform, or say {option(heading or str(said[0] + 1), IGNORED)}"
+        if shape and (place := next(iter((*said, *other)), None)) is not None:
+            heading, there = head.headings[place].text, words_in(grid, head, place)
+            unlike = ",".join(f"{word}=unipolar_{word}" for word in there if f"unipolar_{word}" in WAVEFORMS)
+            remedy = f"leave out --waveform, or say what its words mean, such as --waveform {unlike or 'sin=sine'}"
+            if len(there) == 1:
+                remedy += f", or {option(heading or str(place + 1), IGNORED)}"
             what = f"a column gives the waveform, {shown(heading)}" if heading else "a column gives the waveform"
             faults.add(InputError(what, remedy, file=grid.file, line=head.line))
+        used += [word for p in said for word in words_in(grid, head, p)]
         shapes.append(shape)
+    for said_so, _ in options.meant:
+        if words(waveform(said_so) or said_so) not in map(words, used):
+            remedy = (
+                did_you_mean(said_so, list(dict.fromkeys(used))) if used else "give one for each table: --waveform NAME"
+            )
+            faults.add(InputError(f"no row has the waveform {shown(said_so)}", remedy))
     faults.end()
     return shapes
 

@@ -117,6 +117,13 @@ def waveform_places(grid: Grid, head: Head) -> list[int]:
     return found
 
 
+def words_in(grid: Grid, head: Head, place: int) -> list[str]:
+    """What a column says, each once; psafit's name for what is one of its waveforms."""
+    rows = (row.texts for row in grid.rows[head.first :] if not row.is_blank and not is_comment(row.texts[0]))
+    said = dict.fromkeys(texts[place] for texts in rows if place < len(texts) and texts[place])
+    return list(dict.fromkeys(waveform(text) or text for text in said))
+
+
 def waveform(text: str) -> str:
     """Psafit's waveform of this name; empty for any other, and where a sign changes it, as in ``|sin|``."""
     if re.search(r"(?<!\w)[-\u2212]|[|+*/^\u00b2]", text):

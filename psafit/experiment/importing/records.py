@@ -62,6 +62,8 @@ class Options:
         How the volts of an amplitude that was held are counted; one, or one for each table. Empty for zero to peak.
     waveforms : tuple of str
         One for all tables, or one for each; empty where a column says it.
+    meant : tuple of (str, str)
+        What words in such a column mean, where psafit's waveform of that name is not meant: word and waveform.
     volts : {"peak", "pp", "rms"} or None
         How volts are counted where no heading says so.
     decimal : {".", ","} or None
@@ -98,6 +100,7 @@ class Options:
     values: tuple[tuple[str, Held], ...] = ()
     counted: tuple[Volts, ...] = ()
     waveforms: tuple[str, ...] = ()
+    meant: tuple[tuple[str, str], ...] = ()
     volts: Volts | None = None
     decimal: str | None = None
     separator: str | None = None

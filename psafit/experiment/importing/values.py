@@ -333,7 +333,9 @@ def _waveform(row: Row, chosen: Chosen, given: str, options: Options, faults: Ro
 
 
 def known_waveform(text: str, options: Options) -> str:
-    """Psafit's waveform of this name, or that of a file of its own; a `CellFault` for any other."""
+    """Psafit's waveform that is meant by this name, or that of a file of its own; a `CellFault` for any other."""
+    meant = {waveform(said) or words(said): name for said, name in options.meant}
+    text = meant.get(waveform(text) or words(text), text)
     if found := waveform(text):
         return found
     if words(text) == TABLE and options.drive_file is None:
