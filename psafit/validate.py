@@ -649,7 +649,7 @@ def verdict(
     elif band == "wide":
         parts.append(f"its 90 % band is too wide ({fixed(coverage, per_cent=True)} % of the readings inside)")
     elif coverage < 0.9 - _slack(n):
-        chance = f" (p = {coverage_p_value:.2g}, one of {looks})" if math.isfinite(coverage_p_value) else ""
+        chance = f" (p = {coverage_p_value:.2g}, of {looks} tests)" if math.isfinite(coverage_p_value) else ""
         parts.append(f"its 90 % band holds {fixed(coverage, per_cent=True)} % of the readings{chance}")
     elif pit_p_value * looks < LEVEL:
         parts.append("its 90 % band is wide enough, but the readings are not spread over it as predicted")

@@ -210,7 +210,7 @@ def test_a_band_that_holds_few_is_given_with_the_chance_of_that() -> None:
     """One of ten groups: what happens once in 800 is no news yet, and no reading of it is hidden."""
     errors, p = np.full(40, 0.05), 0.0012
     said = validate.verdict(errors, 0.6, 0.5, 0.5, coverage_p_value=p, looks=10)
-    assert said.endswith("its 90 % band holds 60 % of the readings (p = 0.0012, one of 10)")
+    assert said.endswith("its 90 % band holds 60 % of the readings (p = 0.0012, of 10 tests)")
     assert "holds only 60 %" in validate.verdict(errors, 0.6, 0.5, 0.5, coverage_p_value=p, looks=8)
     assert validate.verdict(errors, 0.6, 0.5, 0.5).endswith("its 90 % band holds 60 % of the readings")
     assert "wide enough" not in validate.verdict(errors, 0.6, 1e-4, 0.5, coverage_p_value=p, looks=10)

@@ -107,7 +107,8 @@ def counted_of(model_set: ModelSet, adopted: Candidate) -> list[Counted]:
         ends = {name: interval for name in physical if (interval := own[name].interval)}
         moved = {name: values[name] for name, (low, high) in ends.items() if not low <= values[name].median <= high}
         more = {name: p for name, p in values.items() if name in added}
-        found.append(Counted(list(ids), model_set.odds(ids, adopted.ids), more, moved))
+        by_readings = math.exp(model_set.log_evidence[ids] - model_set.log_evidence[adopted.ids])
+        found.append(Counted(list(ids), model_set.odds(ids, adopted.ids), more, moved, by_readings))
     return found
 
 

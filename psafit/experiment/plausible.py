@@ -120,7 +120,7 @@ def contradicted(rig: Rig, constants: Constants, beliefs: Sequence[Belief] = ())
 
 
 def _suspicious_rating(
-    rig: Rig, groups: Sequence[Group], least: float = 0.3, most: float = 4.0, reverse: float = 0.2
+    rig: Rig, groups: Sequence[Group], least: float = 0.3, most: float = 4.0, reverse: float = 0.2, beyond: float = 1.31
 ) -> list[str]:
     """A rated voltage that no layers have, or that the drive exceeds, or goes against.
 
@@ -136,6 +136,9 @@ def _suspicious_rating(
         How far below zero a drive may go, over the rated voltage: soft PZT depoles beyond. Makers state -20 V for
         stacks of 100 to 130 V, -30 V for those of 150 V (piezosystem jena, a device file with -20 to 130 V, read;
         Physik Instrumente, -20 to 120 V, and others, usual figures, not verified). Bipolar elements exist.
+    beyond : float
+        Highest drive over the voltage at which the data sheet states the stroke: makers state it at 100 V of stacks
+        that take 120 or 130 V (the same).
     """
     if rig.rated_voltage is None:
         return []
@@ -150,7 +153,7 @@ def _suspicious_rating(
     reached = {group.id: group.volts for group in groups}
     highest = max(reached, key=lambda id: max(map(abs, reached[id])))
     volts = max(map(abs, reached[highest]))
-    if volts > rig.rated_voltage:
+    if volts > beyond * rig.rated_voltage:
         found.append(
             f"rated_voltage = {rig.rated_voltage:g} V is below the drive of group {highest}, which reaches"
             f" {volts:g} V; is one of them wrong?"
@@ -196,7 +199,8 @@ def _suspicious_ball(rig: Rig, constants: Constants, factor: float = 1.33) -> li
     if may_weigh(constants.m):
         guess = f"constant m = {constants.m:g} kg is: are m, of the stack, and M, of the ball, swapped?"
     kind = rig.ball_material or "solid"
-    return [f"a {kind} ball of radius {rig.ball_radius:g} m weighs {weighs}, constant M = {constants.M:g} kg; {guess}"]
+    ball = f"{'an' if kind[0] in 'aeiou' else 'a'} {kind} ball of radius {rig.ball_radius:g} m"
+    return [f"{ball} weighs {weighs}, constant M = {constants.M:g} kg; {guess}"]
 
 
 def _suspicious_stack(

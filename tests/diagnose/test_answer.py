@@ -452,8 +452,10 @@ def test_what_may_be_at_work_as_well_is_said_with_what_it_would_change() -> None
     (weak,) = of(adequate, TooWeak)
     said = weak.say(PLAIN)
     assert said.startswith(
-        "Perhaps at work, but too weak to count by itself: amplifier_lag, with amplifier_lag_tau = 3.2e"
+        "Perhaps at work as well, but too weak to count by itself: amplifier_lag, with amplifier_lag_tau = 3.2e"
     )
+    both = replace(weak, counted=replace(counted, by_readings=6.7)).say(PLAIN)
+    assert "alone: the readings give a factor of 6.7, and what is expected of such rigs 0.2. With it" in both
     assert "1.3 times as probable as the baseline alone. With it, k_c = 2 (1 to 3) N/m, not" in said
     less = replace(weak, counted=replace(counted, odds=0.14)).say(PLAIN)
     assert "7.1 times less probable than the baseline alone." in less

@@ -311,13 +311,13 @@ def test_a_rating_is_held_against_layers_and_drive(tmp_path: Path, facts: str, s
 )
 def test_a_bias_counts_towards_the_rating(tmp_path: Path, keys: str, reaches: int) -> None:
     toml = TOML.replace('waveform = "sine"', keys if "waveform" in keys else f'waveform = "sine"\n{keys}')
-    (said,) = read_experiment(write(tmp_path, f"{toml}[rig]\nrated_voltage = 19\n")).warnings
+    (said,) = read_experiment(write(tmp_path, f"{toml}[rig]\nrated_voltage = 15\n")).warnings
     assert said.endswith(f"which reaches {reaches} V; is one of them wrong?")
 
 
 def test_each_drive_far_below_zero_is_reported(tmp_path: Path) -> None:
-    """Also where the rating is that of the drive."""
-    for rated in (90, 20):
+    """Also where the rating is that of the drive, or a little less: strokes are stated below the highest voltage."""
+    for rated in (90, 20, 16):
         warnings = read_experiment(write(tmp_path, f"{TOML}[rig]\nrated_voltage = {rated}\n")).warnings
         low = f"goes down to -20 V, which most stacks of {rated} V do not survive; if it goes from 0 to V: unipolar_"
         assert warnings == (

@@ -532,12 +532,16 @@ class TooWeak(Statement):
         c = self.counted
         more = [id for id in c.terms if id not in self.adopted]
         text = words.put(
-            "Perhaps at work, but too weak to count by itself: {}, with {}. {} times {} {} alone.",
+            "Perhaps at work as well, but too weak to count by itself: {}, with {}. {} times {} {} alone{}.",
             words.listed(map(words.cause, more)),
             words.listed(sized(words, name, p) for name, p in c.parameters.items()),
             words.number(significant(max(c.odds, 1 / c.odds), 2)),
             "as probable as" if c.odds >= 1 else "less probable than",
             words.causes(self.adopted),
+            "" if c.by_readings is None or c.odds < 1 else words.put(
+                ": the readings give a factor of {}, and what is expected of such rigs {}",
+                *(words.number(significant(x, 2)) for x in (c.by_readings, c.odds / c.by_readings)),
+            ),
         )  # fmt: skip
         if not c.moved:
             return text

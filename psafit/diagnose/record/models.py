@@ -163,6 +163,8 @@ class Counted:
         Its causes, those of the adopted set among them.
     odds : float
         Against the adopted set alone, priors included.
+    by_readings : float, optional
+        The factor of these odds that comes from the readings.
     parameters : dict of str to ParameterResult
         Of the causes that it has more.
     moved : dict of str to ParameterResult
@@ -173,6 +175,7 @@ class Counted:
     odds: float
     parameters: dict[str, ParameterResult]
     moved: dict[str, ParameterResult]
+    by_readings: float | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True)
