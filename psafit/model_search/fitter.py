@@ -14,16 +14,7 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.errors import PsafitError
-from psafit.inference.candidate import (
-    Candidate,
-    FitSettings,
-    candidate_at,
-    candidate_of,
-    fit,
-    raced,
-    roughly,
-    subsampled,
-)
+from psafit.inference.candidate import Candidate, FitSettings, candidate_at, candidate_of, fit, raced, subsampled
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.hopping import hopped
 from psafit.inference.memory import Arrays, Memory
@@ -342,14 +333,14 @@ def _optimised(
     A strength that only the first of a pair knows is scanned with the second, too.
     """
     how = FitSettings(trial=settings.carried_trial, full=settings.carried_climbs)
-    rough, trial, known = roughly(problem, how), subsampled(problem, how), []
+    trial, known = subsampled(problem, how), []
     for pair in pairs:
         new = [t for t in problem.terms if t.id not in pair[1].ids]
         start = merged(problem, *pair)
-        if not np.isfinite(rough.log_posterior(start[None])[0]):
+        if not np.isfinite(trial.log_posterior(start[None])[0]):
             # Between two optima there may be nothing to simulate; at the second there is.
             start = pair[1].placed(problem)[0]
-        known.append(widened(rough, start, new))
+        known.append(widened(trial, start, new))
     starts = np.vstack(known)
     end, _ = raced(problem, trial, starts, [(starts, how.trial)], how)
     if seed is None or not np.isfinite(end.log_posterior).any():
