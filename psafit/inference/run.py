@@ -302,6 +302,7 @@ class _Work:
         flat = problem.to_sampling(draws.flat)
         top = flat[np.argmax(draws.log_posterior)]
         profiles = identify.profiles(problem, top, lambda k, n: self.watcher.update(k, n, "profiles"))
+        self.watcher.update(0, None, "draws summarised")
         files = {name: sha256(folder / name) for name in SIGNED}
         summary = summarise(problem, chain, draws, importance, thin, profiles, record, files)
         write_json(folder / "posterior.json", summary, sealed=True)
