@@ -404,7 +404,7 @@ def score(prediction: Prediction, *, looks: int = 1) -> GroupScore:
     inside_90 = _inside(prediction)
     held, fitted = float(np.mean(inside_90)), prediction.role == "fit"
     uniform, drift, chance = (
-        prediction.pit_p_value, prediction.drift_p_value, as_odd(inside_90.sum(), prediction.inside)
+        prediction.pit_p_value, prediction.drift_p_value, _as_odd(inside_90.sum(), prediction.inside)
     )  # fmt: skip
     said = verdict(error, held, uniform, drift, coverage_p_value=chance, fitted=fitted, looks=looks)
     band = _band(held, measured.size, uniform, chance, looks)
@@ -436,7 +436,7 @@ def _inside(prediction: Prediction) -> NDArray[np.bool_]:
     return _held(p.group, p.group.reading, p.lower, p.upper, p.pit)
 
 
-def as_odd(inside: float, simulated: FloatArray) -> float:
+def _as_odd(inside: float, simulated: FloatArray) -> float:
     """Chance of a count as far to its side of the median as `inside`; NaN where nothing was simulated."""
     few, many = ((1 + np.sum(side)) / (1 + simulated.size) for side in (simulated <= inside, simulated >= inside))
     return float(min(few, many)) if simulated.size else math.nan
@@ -450,7 +450,7 @@ def _of_all(predictions: Sequence[Prediction]) -> float:
     unseen = [p for p in predictions if p.role == "holdout" and p.inside.size]
     if not unseen:
         return math.nan
-    return as_odd(sum(_inside(p).sum() for p in unseen), np.sum([p.inside for p in unseen], axis=0))
+    return _as_odd(sum(_inside(p).sum() for p in unseen), np.sum([p.inside for p in unseen], axis=0))
 
 
 def _factor(error: float) -> str:

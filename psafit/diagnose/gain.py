@@ -24,7 +24,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from scipy.special import logsumexp
@@ -41,8 +40,6 @@ from psafit.model_search.model_set import key_of
 from psafit.observables import LAUNCH_RANGE
 from psafit.records import ABSENT
 from psafit.validate import (
-    LEVEL,
-    as_odd,
     columns_of,
     log_ratio,
     neighbours_redrawn,
@@ -65,9 +62,6 @@ class Forecast:
     median, lower, upper : arrays, in the observable's unit
         Of what is read without scatter; of the 90 % predictive interval of a reading.
     log_density : array, in the unit inverted
-    inside : (n_simulated,) array
-        How many readings of such a group, simulated from as many draws, lie in the interval. Groups that are forecast
-        together share the draws.
     """
 
     group: Group
@@ -75,7 +69,6 @@ class Forecast:
     lower: FloatArray
     upper: FloatArray
     log_density: FloatArray
-    inside: FloatArray
 
     @property
     def measured(self) -> FloatArray:
@@ -158,8 +151,6 @@ class Gain:
         90 % interval of the change.
     coverage_before, coverage_after : float
         Share of all held-out readings inside their 90 % predictive intervals.
-    coverage_p_value : float, optional
-        Chance that readings simulated from the extended models lie in these intervals as rarely, or as often.
     ledger : list of Choice
         What each choice saw.
     predictions : str
@@ -178,14 +169,6 @@ class Gain:
     coverage_after: float
     ledger: list[Choice]
     predictions: str
-    coverage_p_value: float | None = field(default=None, metadata=ABSENT)
-
-    @property
-    def off(self) -> Literal["", "few", "many"]:
-        """Whether the intervals of the extended models hold fewer readings, or more, than chance explains."""
-        if self.coverage_p_value is None or not self.coverage_p_value < LEVEL:
-            return ""
-        return "few" if self.coverage_after < 0.9 else "many"
 
     @property
     def names_nothing(self) -> bool:
@@ -258,7 +241,6 @@ def _forecasts(
     left: dict[Ids, Discrepancy],
     group_id: GroupId,
     seed: int,
-    n_simulated: int = 1000,
 ) -> list[Forecast]:
     """Forecasts of a group, one for each of its observables."""
     ranges, readings, density, weight = [], [], [], []
@@ -278,26 +260,18 @@ def _forecasts(
         density.append(noise.log_density(group.reading, found, scatter, group.sigma))
         weight.append(np.full(len(draws), share / len(draws)))
     w = np.concatenate(weight)
-    read = np.concatenate(readings)
-    lower, upper = quantiles(read, w, (0.05, 0.95))
-    read = read[np.random.default_rng([seed, 14]).choice(len(w), n_simulated, p=w)]
+    lower, upper = quantiles(np.concatenate(readings), w, (0.05, 0.95))
     median = quantiles(np.concatenate(ranges), w, (0.5,))[0]
     scored = logsumexp(np.concatenate(density) + np.log(w)[:, None], axis=0)
     rows = [group.measured == part.measured[0] for part in group.parts]
-    forecasts = []
-    for part, some in zip(group.parts, rows, strict=True):
-        low, high = np.maximum(lower[some], part.floor), upper[some]
-        inside = _inside(np.maximum(read[:, some], part.floor), low, high).sum(axis=1)
-        forecasts.append(Forecast(part, median[some], low, high, scored[some], inside))
-    return forecasts
+    return [
+        Forecast(part, median[some], np.maximum(lower[some], part.floor), upper[some], scored[some])
+        for part, some in zip(group.parts, rows, strict=True)
+    ]
 
 
-def _inside(readings: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    return np.asarray((readings >= lower) & (readings <= upper), dtype=float)
-
-
-def _held(f: Forecast) -> FloatArray:
-    return _inside(f.measured, f.lower, f.upper)
+def _inside(f: Forecast) -> FloatArray:
+    return np.asarray((f.measured >= f.lower) & (f.measured <= f.upper), dtype=float)
 
 
 def changes(
@@ -366,9 +340,7 @@ def summarise(protocol: str, splits: Sequence[Split], folder: Path, seed: int) -
     rows: list[GroupGain] = []
     heard: list[tuple[Forecast, Forecast]] = []
     redrawn: list[tuple[FloatArray, FloatArray]] = []
-    simulated: list[FloatArray] = []
     for one in splits:
-        begun = len(heard)
         for before, after in zip(one.before, one.after, strict=True):
             group, silent = before.group, silences[before.group.label]
             errors = [log_ratio(f.median, f.measured, *group.observable.metric) for f in (before, after)]
@@ -378,15 +350,13 @@ def summarise(protocol: str, splits: Sequence[Split], folder: Path, seed: int) -
                     group.id, list(one.named), list(one.seen),
                     root_mean_square(errors[0]), root_mean_square(errors[1]),
                     float(before.log_density.sum()), float(after.log_density.sum()),
-                    float(_held(before).mean()), float(_held(after).mean()),
+                    float(_inside(before).mean()), float(_inside(after).mean()),
                     interval(change[0]), interval(change[1]), silent,
                 )
             )  # fmt: skip
             if not silent:
                 heard.append((before, after))
                 redrawn.append(change)
-        if len(heard) > begun:
-            simulated.append(np.sum([after.inside for _, after in heard[begun:]], axis=0))
     name = f"predictions-{protocol}.csv"
     for observable in dict.fromkeys([LAUNCH_RANGE, *(f.group.observable for one in splits for f in one.after)]):
         table = (
@@ -399,9 +369,7 @@ def summarise(protocol: str, splits: Sequence[Split], folder: Path, seed: int) -
         )
         file = folder / table_name(f"predictions-{protocol}", observable)
         write_table(file, (*columns_of(observable), "model"), table)
-    every = [np.concatenate([_held(p[k]) for p in heard]) for k in (0, 1)]
-    chance = np.random.default_rng([seed, 15])
-    inside = [chance.permutation(together) for together in simulated]  # no two splits share a draw
+    every = [np.concatenate([_inside(p[k]) for p in heard]) for k in (0, 1)]
     informative = [r for r in rows if not r.silent]
     rmse, elpd = (np.array(each) for each in zip(*redrawn, strict=True))
     found = np.array([[r.log_rmse_after - r.log_rmse_before, r.elpd_after - r.elpd_before] for r in informative])
@@ -416,7 +384,6 @@ def summarise(protocol: str, splits: Sequence[Split], folder: Path, seed: int) -
         elpd_interval=[len(informative) * end for end in over_groups(elpd, found[:, 1], rng)],
         coverage_before=float(every[0].mean()),
         coverage_after=float(every[1].mean()),
-        coverage_p_value=as_odd(float(every[1].sum()), np.sum(inside, axis=0)),
         ledger=[
             Choice(
                 "causes, parameters and scatter",

@@ -347,19 +347,6 @@ def test_groups_that_are_predicted_worse_are_named() -> None:
     assert said.endswith("Predicted worse than by the baseline: group 2 (0.900 to 0.200).")
 
 
-def test_bands_of_unseen_groups_that_hold_what_chance_does_not_explain() -> None:
-    """Two opposite faults; nothing is said of what chance explains, or where that was never asked."""
-
-    def said(coverage: float, chance: float | None) -> str:
-        gain = replace(record().gain["strict"], coverage_after=coverage, coverage_p_value=chance)
-        return Gained(gain, [1], []).say(PLAIN)
-
-    assert said(1.0, 2e-3).endswith("Its 90 % intervals hold 100 % of these readings: more than chance explains,"
-                                    " so they are too wide.")  # fmt: skip
-    assert said(0.6, 2e-3).endswith("Its 90 % intervals hold 60 % of these readings: too few.")
-    assert not any("intervals hold" in said(0.7, chance) for chance in (0.2, None))
-
-
 def test_how_often_chance_finds_as_much() -> None:
     def said(**options) -> str:
         return ByChance(replace(Significance(9.2, [-1.0, 2.4], 1 / 3), **options)).say(PLAIN)

@@ -51,10 +51,6 @@ class Gained(Statement):
             f"{g.log_rmse_before:.3f}", f"{g.log_rmse_after:.3f}",
             *(words.number(fixed(x, 3, sign=True)) for x in g.log_rmse_interval),
         )  # fmt: skip
-        if g.off:
-            how = "{} Its 90 % intervals hold {} of these readings: {}."
-            wrong = "too few" if g.off == "few" else "more than chance explains, so they are too wide"
-            text = words.put(how, text, words.per_cent(g.coverage_after), wrong)
         if self.by_session:
             own = "{} What {} does in a session that was not fitted is not known: the band of such a session is wider."
             text = words.put(own, text, words.listed(map(words.cause, self.by_session)))

@@ -27,13 +27,6 @@ _PROTOCOLS: Final = {
 }
 
 
-_CHANCE: Final = {
-    "": ".",
-    "few": ", fewer than chance explains: they are too narrow.",
-    "many": ", more than chance explains: they are too wide.",
-}
-
-
 def content(result: Diagnosis) -> dict[str, Any]:
     """Both protocols' gains, the runs of the extension, and which data each choice saw."""
     return {
@@ -61,7 +54,7 @@ def protocol(gain: Gain) -> dict[str, Any]:
             f" readings: {words.nats(gain.elpd_before)} nats before, {words.nats(gain.elpd_after)} nats after;"
             f" change {words.signed(elpd[0])} to {words.signed(elpd[1])} nats (90 % interval). Inside their 90 %"
             f" predictive intervals: {words.share(gain.coverage_before)} of the readings before,"
-            f" {words.share(gain.coverage_after)} after{_CHANCE[gain.off]}"
+            f" {words.share(gain.coverage_after)} after."
         ),
         "nothing": gain.names_nothing,
         "better": change[1] < 0,
