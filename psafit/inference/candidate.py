@@ -293,13 +293,13 @@ def fit(
         return candidate_of(problem, across_steps(problem, replace(end, effort=effort), s), forgotten=s.forgotten)
     rows: list[FloatArray] = []
     rough = roughly(problem, s)  # what a cause does may show in a few readings only
+    given = np.empty((0, problem.n_dim)) if extra is None else extra
     for c in nested:
-        new = [t for t in problem.terms if t.id not in c.ids]
-        rows += [widened(rough, u, new, seed=seed) for u in c.placed(rough, s.taken if c.ids == problem.ids else 1)]
-    if extra is not None and len(extra):
-        # These know better than fixed strengths where to begin.
-        rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]
-    known = np.vstack(rows)
+        for u in c.placed(rough, s.taken if c.ids == problem.ids else 1):
+            # Where more starts are given, these know better than a second scan where to begin.
+            new = [] if rows and len(given) else [t for t in problem.terms if t.id not in c.ids]
+            rows.append(widened(rough, u, new, seed=seed))
+    known = np.vstack([*rows, given])
     crossed, n_drawn = starts_of(trial, seed, most // 2, draws // 2, known)
     races: list[tuple[FloatArray, Schedule]] = [(np.vstack([known, crossed]), s.trial)]
     if fresh:

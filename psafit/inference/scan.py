@@ -53,7 +53,7 @@ class ScanSettings:
     cosine : float
         Cosine of the angle between what two places do, refits apart, above which only the better is a start.
     reach : float
-        Factor by which a strength may exceed the largest that was scanned.
+        Factor by which a strength may exceed the largest on its line that was scanned.
     least : float, nats
         What a place to begin from must promise.
     off : float
@@ -126,9 +126,11 @@ def widened(
     def log_likelihood(predicted: FloatArray) -> FloatArray:
         return noise.log_density(problem.observed, predicted, values, problem.known_sigma).sum(axis=1)
 
+    before = log_likelihood(at_known)
+
     def simulated(places: FloatArray) -> tuple[FloatArray, FloatArray]:
         predicted = problem.predict(places)
-        return in_scatter(predicted - at_known), log_likelihood(predicted) - log_likelihood(at_known)
+        return in_scatter(predicted - at_known), log_likelihood(predicted) - before
 
     added = {p.name for term in new for p in term.parameters}
     is_new = [name in added for name in problem.names]
@@ -150,16 +152,17 @@ def widened(
         strength = problem.names.index(term.strength.name)
         u, line = _scanned(problem, known, term, s, seed)
         change, value = simulated(u)
-        for n in range(s.rounds):
-            (neutral, *_) = halved(term.strength, np.array([np.inf]))[:, 0]
-            nodes = _Nodes(neutral, u[:, strength], line, left(change), value)
-            of, at = nodes.between(wanted, s, again=n > 0)
+        bounds, (neutral, *_) = problem.bounds[strength], halved(term.strength, np.array([np.inf]))[:, 0]
+        scanned = np.ones(len(u), bool)
+        for _ in range(s.rounds):
+            of, at = _Nodes(neutral, u[:, strength], line, scanned, left(change), value).between(wanted, bounds, s)
             if not of.size:
                 break
             more = u[of]
-            more[:, strength] = np.clip(at, *problem.bounds[strength])
+            more[:, strength] = at
             changes, values_there = simulated(more)
             u, line = np.vstack([u, more]), np.append(line, line[of])
+            scanned = np.append(scanned, np.zeros(len(more), bool))
             change, value = np.vstack([change, changes]), np.append(value, values_there)
         effect = left(change)
         chosen = _unlike(effect, _gained(effect, wanted), s)
@@ -185,6 +188,8 @@ class _Nodes(NamedTuple):
     strength : (n,) array
     line : (n,) array of int
         Which each is on.
+    scanned : (n,) array of bool
+        Whether it was scanned, and not tried between others.
     effect : (n, n_points) array
         What each does, refits apart.
     value : (n,) array
@@ -194,19 +199,22 @@ class _Nodes(NamedTuple):
     neutral: float
     strength: FloatArray
     line: NDArray[np.intp]
+    scanned: NDArray[np.bool_]
     effect: FloatArray
     value: FloatArray
 
-    def between(self, wanted: FloatArray, s: ScanSettings, *, again: bool) -> tuple[NDArray[np.intp], FloatArray]:
+    def between(self, wanted: FloatArray, bounds: FloatArray, s: ScanSettings) -> tuple[NDArray[np.intp], FloatArray]:
         """Return strengths between neighbours that are to be simulated, or beyond the last.
+
+        Between two that were scanned, a strength is where the change is hoped to be best; where one was tried already
+        it is in the middle, for the change does not grow evenly.
 
         Parameters
         ----------
         wanted : (n_points,) array
+        bounds : (2,) array
+            Of the strength.
         s : ScanSettings
-        again : bool
-            Whether strengths between were tried already. Then take the middle, not where the change is hoped to be
-            best: it does not grow evenly.
 
         Returns
         -------
@@ -219,11 +227,17 @@ class _Nodes(NamedTuple):
         last = np.append(line[1:] != line[:-1], True)
         first = np.roll(last, 1)
         low, at_low = np.where(first, self.neutral, np.roll(x, 1)), np.where(first[:, None], 0.0, np.roll(e, 1, axis=0))
-        # Beyond the last nothing is known: there the change is taken to go on as it has grown.
-        beyond = self.neutral + s.reach * (x[last] - self.neutral)
+        own = self.scanned[order]
+        tried = np.append(~own | np.where(first, False, np.roll(~own, 1)), ~own[last])
+        # Beyond the last the change is taken to go on as it has grown.
+        away = np.abs(x - self.neutral)
+        farthest = s.reach * np.maximum.reduceat(np.where(own, away, 0.0), np.flatnonzero(first))
+        side = np.sign(x[last] - self.neutral)
+        beyond = np.clip(self.neutral + side * np.maximum(farthest, away[last]), *bounds)
         low, high = np.append(low, x[last]), np.append(x, beyond)
-        at_low, at_high = np.vstack([at_low, e[last]]), np.vstack([e, s.reach * e[last]])
         with np.errstate(all="ignore"):
+            grown = e[last] * (np.abs(beyond - self.neutral) / away[last])[:, None]
+            at_low, at_high = np.vstack([at_low, e[last]]), np.vstack([e, grown])
             step = at_high - at_low
             size = np.einsum("np,np->n", step, step)
             part = np.clip(np.nan_to_num(np.einsum("np,np->n", wanted - at_low, step) / size), 0.0, 1.0)
@@ -239,8 +253,8 @@ class _Nodes(NamedTuple):
         unknown = np.where(either > max(value.max(), 0.0) - s.near, np.nan_to_num(size[: x.size]), 0.0)
         edge = np.argsort(-unknown, kind="stable")[: s.edges]
         edge = np.setdiff1d(edge[unknown[edge] > 1.0], best)
-        share = np.append(np.full(best.size, 0.5) if again else part[best], np.full(edge.size, 0.5))
-        chosen = np.append(best, edge)
+        chosen, halves = np.append(best, edge), np.append(tried[best], np.ones(edge.size, bool))
+        share = np.where(halves, 0.5, part[chosen])
         return np.append(order, order[last])[chosen], low[chosen] + share * (high[chosen] - low[chosen])
 
 

@@ -109,21 +109,32 @@ def test_strengths_between_two_are_tried_where_the_change_grows_unevenly():
     def value(x):
         return np.full(x.size, -np.inf)
 
+    scanned, bounds = np.ones(4, bool), np.array([0.0, 100.0])
     for n in range(12):
-        of, at = _Nodes(0.0, strength, line, effect(strength), value(strength)).between(wanted, s, again=n > 0)
+        nodes = _Nodes(0.0, strength, line, scanned, effect(strength), value(strength))
+        of, at = nodes.between(wanted, bounds, s)
         assert (np.abs(at - 2.0) < 1.1).all() and (n == 0 or at.size == 1)
         strength, line = np.append(strength, at), np.append(line, line[of])
+        scanned = np.append(scanned, np.zeros(at.size, bool))
         if (effect(strength)[:, 0] == 1.0).any():
             break
     assert 2 < n < 9
-    again = _Nodes(0.0, strength, line, effect(strength), value(strength)).between(wanted, s, again=True)
-    assert all(found.size == 0 for found in again)
-    # Lines of their own begin at the neutral strength, and may go on beyond the last.
-    two = np.array([1.0, 4.0])
-    of, at = _Nodes(0.0, two, np.arange(2), np.array([[0.25], [2.0]]) * wanted, value(two)).between(
-        wanted, s, again=False
-    )
-    assert sorted(zip(of.tolist(), at.tolist(), strict=True)) == [(0, 4.0), (1, 2.0)]
+    nodes = _Nodes(0.0, strength, line, scanned, effect(strength), value(strength))
+    assert nodes.between(wanted, bounds, s)[0].size == 0, "what is right leaves nothing to be tried"
+
+
+def test_each_line_is_tried_where_its_change_would_be_best_and_not_beyond_a_bound():
+    """Lines begin at the neutral strength, and may go on beyond the last; one that was tried there is halved."""
+    s, wanted, two = ScanSettings(edges=0), np.ones(50), np.array([1.0, 2.0])
+    effect, nothing = np.array([[0.25], [4.0]]) * wanted, np.full(2, -np.inf)
+    for tried, end, expected in (
+        (False, 100.0, [(0, 4.0), (1, 0.5)]),
+        (False, 3.0, [(0, 3.0), (1, 0.5)]),
+        (True, 3.0, [(0, 3.0), (1, 1.0)]),
+    ):
+        nodes = _Nodes(0.0, two, np.arange(2), np.array([True, not tried]), effect, nothing)
+        of, at = nodes.between(wanted, np.array([0.0, end]), s)
+        assert sorted(zip(of.tolist(), at.tolist(), strict=True)) == expected
 
 
 def test_what_is_known_stays_where_it_is_and_what_is_new_begins_off_its_neutral_value_too(problem):
