@@ -40,7 +40,7 @@ from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable, names, rec
 from psafit.records import GroupScore, Retested, Size, Validation, write_json
 from psafit.simulate import Design
 from psafit.simulate import readings as readings_of
-from psafit.text import fixed
+from psafit.text import count, fixed
 
 OFFSET_UM = LAUNCH_RANGE.offset
 COLUMNS = (
@@ -649,7 +649,7 @@ def verdict(
     elif band == "wide":
         parts.append(f"its 90 % band is too wide ({fixed(coverage, per_cent=True)} % of the readings inside)")
     elif coverage < 0.9 - _slack(n):
-        chance = f" (p = {coverage_p_value:.2g}, of {looks} tests)" if math.isfinite(coverage_p_value) else ""
+        chance = f" (p = {coverage_p_value:.2g}, of {count(looks, 'test')})" if math.isfinite(coverage_p_value) else ""
         parts.append(f"its 90 % band holds {fixed(coverage, per_cent=True)} % of the readings{chance}")
     elif pit_p_value * looks < LEVEL:
         parts.append("its 90 % band is wide enough, but the readings are not spread over it as predicted")

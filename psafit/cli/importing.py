@@ -306,7 +306,7 @@ def _columns_text(table: Table) -> list[str]:
     if other and any(column.volts == "pp" for column in table.columns):
         lines.append(
             f"  peak to peak is taken about 0 V; a drive that goes from 0 V is {' or '.join(other)}: say --waveform"
-            " (with another --out)"
+            f" {other[0]}, or {other[0].removeprefix('unipolar_')}={other[0]} of a column of waveforms"
         )
     return lines
 

@@ -120,7 +120,7 @@ def contradicted(rig: Rig, constants: Constants, beliefs: Sequence[Belief] = ())
 
 
 def _suspicious_rating(
-    rig: Rig, groups: Sequence[Group], least: float = 0.3, most: float = 4.0, reverse: float = 0.2, beyond: float = 1.31
+    rig: Rig, groups: Sequence[Group], least: float = 0.3, most: float = 4.0, reverse: float = 0.2, beyond: float = 1.3
 ) -> list[str]:
     """A rated voltage that no layers have, or that the drive exceeds, or goes against.
 

@@ -19,7 +19,7 @@ from keyed import CONSTANTS
 from psafit.drives import Drive
 from psafit.errors import InputError
 from psafit.experiment import read_experiment
-from psafit.experiment.importing import Imported, Mapping, write_import
+from psafit.experiment.importing import Imported, Mapping, Options, read_files, write_import
 from psafit.experiment.importing.quantities import COLUMNS
 from psafit.experiment.importing.units import Unit, unit
 
@@ -371,7 +371,8 @@ def test_a_column_of_waveforms_is_one_whatever_its_name(name: str, tmp_path: Pat
     (table,) = tables(tmp_path, content, waveforms=())
     assert [g.waveform for g in table.groups] == ["sine", "square"]
     for column in ("ignore", "group"):  # or two waveforms would be taken for one
-        assert refused(tmp_path, content, columns=(Mapping(name, column, None),)) == asked
+        said = refused(tmp_path, content, columns=(Mapping(name, column, None),))
+        assert f"; leave out --column {shlex.quote(f'{name}={column}')}, and say what its words mean" in said
     one = content.rpartition("1300")[0]
     (table,) = tables(tmp_path, one, columns=tuple(proposed(refused(tmp_path, one))))
     assert [g.waveform for g in table.groups] == ["sine"]
@@ -385,12 +386,24 @@ def test_words_of_a_column_mean_other_waveforms(tmp_path: Path) -> None:
     (table,) = tables(tmp_path, content, waveforms=(), meant=meant)
     assert [g.waveform for g in table.groups] == ["unipolar_sine", "unipolar_square", "triangle"]
     assert [g.amplitude_v.tolist() for g in table.groups] == [[20.0], [20.0], [10.0]]
+    (table,) = tables(
+        tmp_path, content.replace("sine", "saw").replace("Rechteck", "saw"), meant=meant[2:], waveforms=()
+    )
+    assert [g.waveform for g in table.groups] == ["triangle"], "words of which psafit knows none"
+    twice = (("sin", "triangle"), *meant)
+    assert "says twice what 'sin' means; say it once" in refused(tmp_path, content, waveforms=(), meant=twice)
     assert "no row has the waveform 'ramp'" in refused(
         tmp_path, content, waveforms=(), meant=(*meant, ("ramp", "sine"))
     )
     assert "'half' is no waveform" in refused(tmp_path, content, waveforms=(), meant=(("saw", "half"),))
     bare = "f (Hz);Vp;Range (um)\n1;2;3\n"
-    assert "give one for each table" in refused(tmp_path, bare, waveforms=(), meant=meant[:1])
+    assert "say --column HEADING=waveform" in refused(tmp_path, bare, waveforms=(), meant=meant[:1])
+    # A name by itself is that of a file without such a column, as it stands.
+    files = [tmp_path / name for name in ("column.csv", "bare.csv")]
+    for file, text in zip(files, (content, bare), strict=True):
+        file.write_text(text, encoding="utf-8")
+    read = read_files(files, Options(meant=meant, waveforms=("square",)))
+    assert [g.waveform for t in read for g in t.groups] == ["unipolar_sine", "unipolar_square", "triangle", "square"]
 
 
 def test_a_shape_of_something_else_is_no_waveform(tmp_path: Path) -> None:

@@ -38,8 +38,8 @@ from psafit.experiment.importing.layout import (
     names,
     number_rows,
     two_columns,
-    waveform,
     waveform_places,
+    word,
     words_in,
 )
 from psafit.experiment.importing.matters import above, check_trigger
@@ -404,41 +404,57 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
     given = options.waveforms
     if len(given) > 1 and len(given) != len(found):
         raise InputError(f"{len(given)} waveforms for {len(found)} tables", "give one, or one for each")
-    plain = replace(options, meant=())
-    for name in (name for name in (*given, *(name for _, name in options.meant)) if name != TABLE):
-        with faults.kept():
-            try:
-                known_waveform(name, plain)
-            except CellFault as fault:
-                raise InputError(f"--waveform {fault.what}", fault.remedy) from fault
+    _check_meant(options)
     shapes: list[str] = []
     used: list[str] = []
     for number, (grid, head) in enumerate(found):
         mapped = {place: m.column for m in options.columns for place in names(m, head.headings)}
-        shaped = [p for p in waveform_places(grid, head) if p not in mapped]
-        said = [*shaped, *(place for place, column in mapped.items() if column == WAVEFORM)]
+        named = waveform_places(grid, head, options.meant)
+        said = [p for p in named if p not in mapped] + [p for p, column in mapped.items() if column == WAVEFORM]
+        aside = [p for p in named if p not in said and len(words_in(grid, head, p)) > 1]
         shape = "" if not given else given[0] if len(given) == 1 else given[number]
-        other = [p for p in waveform_places(grid, head) if p not in said and len(words_in(grid, head, p)) > 1]
+        if said and options.meant:
+            shape = ""  # a name by itself is that of tables without such a column
         if options.drive and not said and not shape:
             shape = TABLE
-        if shape and (place := next(iter((*said, *other)), None)) is not None:
-            heading, there = head.headings[place].text, words_in(grid, head, place)
-            unlike = ",".join(f"{word}=unipolar_{word}" for word in there if f"unipolar_{word}" in WAVEFORMS)
-            remedy = f"leave out --waveform, or say what its words mean, such as --waveform {unlike or 'sin=sine'}"
-            if len(there) == 1:
-                remedy += f", or {option(heading or str(place + 1), IGNORED)}"
-            what = f"a column gives the waveform, {shown(heading)}" if heading else "a column gives the waveform"
-            faults.add(InputError(what, remedy, file=grid.file, line=head.line))
-        used += [word for p in said for word in words_in(grid, head, p)]
+        if shape and (said or aside):
+            faults.add(_said_twice(grid, head, *(said, "") if said else (aside, mapped[aside[0]])))
+        used += [known for p in said for known in words_in(grid, head, p)]
         shapes.append(shape)
-    for said_so, _ in options.meant:
-        if words(waveform(said_so) or said_so) not in map(words, used):
-            remedy = (
-                did_you_mean(said_so, list(dict.fromkeys(used))) if used else "give one for each table: --waveform NAME"
-            )
-            faults.add(InputError(f"no row has the waveform {shown(said_so)}", remedy))
+    for text, _ in options.meant if not options.drive else ():
+        if word(text) not in used:
+            remedy = did_you_mean(text, list(dict.fromkeys(used))) if used else "say --column HEADING=waveform"
+            faults.add(InputError(f"no row has the waveform {shown(text)}", remedy))
     faults.end()
     return shapes
+
+
+def _check_meant(options: Options) -> None:
+    """No word means two waveforms, and each is one that psafit knows."""
+    meant = [word(text) for text, _ in options.meant]
+    if twice := [text for text, _ in options.meant if meant.count(word(text)) > 1]:
+        raise InputError(f"--waveform says twice what {shown(twice[0])} means", "say it once")
+    plain = replace(options, meant=())
+    for name in (*options.waveforms, *(name for _, name in options.meant)):
+        try:
+            known_waveform(name, plain) if name != TABLE else None
+        except CellFault as fault:
+            raise InputError(f"--waveform {fault.what}", fault.remedy) from fault
+
+
+def _said_twice(grid: Grid, head: Head, places: Sequence[int], aside: str) -> InputError:
+    """A waveform is given, and a column has others; `aside` is what that column is said to be instead."""
+    place = places[0]
+    heading, there = head.headings[place].text, words_in(grid, head, place)
+    column = heading or str(place + 1)
+    what = f"a column gives the waveform, {shown(heading)}" if heading else "a column gives the waveform"
+    unlike = ",".join(f"{known}=unipolar_{known}" for known in there if f"unipolar_{known}" in WAVEFORMS)
+    remedy = f"leave out {option(column, aside)}" if aside else "leave out --waveform"
+    if unlike:
+        remedy += f"{', and' if aside else ', or'} say what its words mean, such as --waveform {unlike}"
+    if len(there) == 1:
+        remedy += f", or {option(column, IGNORED)}"
+    return InputError(what, remedy, file=grid.file, line=head.line)
 
 
 def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_id: int, examples: int) -> Table:

@@ -76,7 +76,7 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     faults = Faults()
     mapped = _mapped(grid, head, options, faults)
     traced = is_trace(grid, head, mapped, options, faults)
-    found = _recognised(head, mapped, waveform_places(grid, head), traced=traced)
+    found = _recognised(head, mapped, waveform_places(grid, head, options.meant), traced=traced)
     if traced and not len(faults):
         found = voltages(grid, head, found, options, faults)
     if not len(faults):

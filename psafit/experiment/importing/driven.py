@@ -38,7 +38,7 @@ def in_folders(given: Iterable[Path]) -> list[Path]:
     return found
 
 
-BY_COLUMN = "say --column HEADING=group of a column that names them"
+BY_COLUMN = "say --column HEADING=group of a column that names the recordings"
 
 
 def called(names: Iterable[str], drives: Sequence[Path], file: Path, *, otherwise: str = "") -> dict[str, Path]:

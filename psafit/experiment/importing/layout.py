@@ -102,8 +102,12 @@ def two_columns(mapping: Mapping, headings: Sequence[Heading]) -> tuple[int, int
     return None if other else (called[0], numbered[0])
 
 
-def waveform_places(grid: Grid, head: Head) -> list[int]:
-    """The columns, from 0, of waveforms: they are called so, or each row has words, and psafit knows some of them."""
+def waveform_places(grid: Grid, head: Head, meant: Sequence[tuple[str, str]] = ()) -> list[int]:
+    """The columns, from 0, of waveforms: they are called so, or each row has words, and some of them are known.
+
+    Those are known that psafit knows, and those of which it is said what is meant.
+    """
+    known = {word(text) for text, _ in meant}
     every = (row.texts for row in grid.rows[head.first :] if not row.is_blank and not is_comment(row.texts[0]))
     first = next(every, ())
     # Where the first row has no word, no column has one in each row.
@@ -112,16 +116,20 @@ def waveform_places(grid: Grid, head: Head) -> list[int]:
     for place, named in enumerate(head.headings):
         said = {texts[place] if place < len(texts) else "" for texts in rows}
         in_words = named.text and "" not in said and not any(map(is_number, said))
-        if named.is_waveform or (in_words and any(map(waveform, said))):
+        if named.is_waveform or (in_words and any(waveform(text) or word(text) in known for text in said)):
             found.append(place)
     return found
 
 
 def words_in(grid: Grid, head: Head, place: int) -> list[str]:
-    """What a column says, each once; psafit's name for what is one of its waveforms."""
+    """What a column calls its waveforms, each once."""
     rows = (row.texts for row in grid.rows[head.first :] if not row.is_blank and not is_comment(row.texts[0]))
-    said = dict.fromkeys(texts[place] for texts in rows if place < len(texts) and texts[place])
-    return list(dict.fromkeys(waveform(text) or text for text in said))
+    return list(dict.fromkeys(word(texts[place]) for texts in rows if place < len(texts) and texts[place]))
+
+
+def word(text: str) -> str:
+    """What a waveform is called: psafit's name of what it knows, or the words as they are compared."""
+    return waveform(text) or words(text)
 
 
 def waveform(text: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from itertools import zip_longest
 
@@ -25,7 +25,7 @@ from psafit.experiment.importing.chosen import (
     option,
 )
 from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
-from psafit.experiment.importing.layout import Body, Head, names_condition, waveform
+from psafit.experiment.importing.layout import Body, Head, names_condition, waveform, word
 from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, in_both
 from psafit.experiment.importing.over_time import OF_DAY
 from psafit.experiment.importing.quantities import COLUMNS, SIGMA, VOLTS, Volts, words
@@ -326,7 +326,7 @@ def _waveform(row: Row, chosen: Chosen, given: str, options: Options, faults: Ro
     if column is None and given == TABLE:
         return TABLE
     try:
-        return known_waveform(text, options)
+        return known_waveform(text, options if column else replace(options, meant=()))
     except CellFault as fault:
         faults.add(WAVEFORM, fault.what, fault.remedy, row.line)
         return next(iter(WAVEFORMS))
@@ -334,8 +334,8 @@ def _waveform(row: Row, chosen: Chosen, given: str, options: Options, faults: Ro
 
 def known_waveform(text: str, options: Options) -> str:
     """Psafit's waveform that is meant by this name, or that of a file of its own; a `CellFault` for any other."""
-    meant = {waveform(said) or words(said): name for said, name in options.meant}
-    text = meant.get(waveform(text) or words(text), text)
+    meant = {word(said): name for said, name in options.meant}
+    text = meant.get(word(text), text)
     if found := waveform(text):
         return found
     if words(text) == TABLE and options.drive_file is None:
