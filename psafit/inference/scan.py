@@ -11,7 +11,7 @@ simulated, where the change promises more than at either if it grows evenly, or 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -149,21 +149,8 @@ def widened(
         rows.append(known[None].copy())
         for p in term.parameters:
             rows[-1][0, problem.names.index(p.name)] = p.prior_middle[1]
-        strength = problem.names.index(term.strength.name)
-        u, line = _scanned(problem, known, term, s, seed)
-        change, value = simulated(u)
-        bounds, (neutral, *_) = problem.bounds[strength], halved(term.strength, np.array([np.inf]))[:, 0]
-        scanned = np.ones(len(u), bool)
-        for _ in range(s.rounds):
-            of, at = _Nodes(neutral, u[:, strength], line, scanned, left(change), value).between(wanted, bounds, s)
-            if not of.size:
-                break
-            more = u[of]
-            more[:, strength] = at
-            changes, values_there = simulated(more)
-            u, line = np.vstack([u, more]), np.append(line, line[of])
-            scanned = np.append(scanned, np.zeros(len(more), bool))
-            change, value = np.vstack([change, changes]), np.append(value, values_there)
+        scanned = _scanned(problem, known, term, s, seed)
+        u, change, value = _with_more_between(problem, term, scanned, simulated, left, wanted, s)
         effect = left(change)
         chosen = _unlike(effect, _gained(effect, wanted), s)
         starts = u[chosen]
@@ -172,6 +159,46 @@ def widened(
         as_they_are = u[_unlike(change, value, s)]
         rows.append(np.clip(np.vstack([starts, as_they_are]), problem.bounds[:, 0], problem.bounds[:, 1]))
     return np.vstack(rows)
+
+
+def _with_more_between(
+    problem: Problem,
+    term: Term,
+    scanned: tuple[FloatArray, NDArray[np.intp]],
+    simulated: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+    left: Callable[[FloatArray], FloatArray],
+    wanted: FloatArray,
+    s: ScanSettings,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Places of a cause, those scanned and those between; what each changes, and what it gains as it is, nats.
+
+    Parameters
+    ----------
+    problem : Problem
+    term : Term
+    scanned : (n, n_dim) and (n,) array
+        As of `_scanned`.
+    simulated : callable
+        From places, (n, n_dim), to their changes, (n, n_points), and what they gain, (n,).
+    left : callable
+        What a refit leaves of changes.
+    wanted : (n_points,) array
+    s : ScanSettings
+    """
+    (u, line), strength = scanned, problem.names.index(term.strength.name)
+    bounds, (neutral, *_) = problem.bounds[strength], halved(term.strength, np.array([np.inf]))[:, 0]
+    change, value = simulated(u)
+    first = np.ones(len(u), bool)
+    for _ in range(s.rounds):
+        of, at = _Nodes(neutral, u[:, strength], line, first, left(change), value).between(wanted, bounds, s)
+        if not of.size:
+            break
+        more = u[of]
+        more[:, strength] = at
+        changes, gained = simulated(more)
+        u, line, first = np.vstack([u, more]), np.append(line, line[of]), np.append(first, np.zeros(len(more), bool))
+        change, value = np.vstack([change, changes]), np.append(value, gained)
+    return u, change, value
 
 
 def _gained(effect: FloatArray, wanted: FloatArray) -> FloatArray:

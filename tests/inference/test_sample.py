@@ -15,7 +15,7 @@ from truths import experiment, problem, rig_with_two_modes
 from psafit.experiment import read_experiment
 from psafit.inference import noise
 from psafit.inference import sample as sampling
-from psafit.inference.candidate import FitSettings, candidate_at, fit, separate_modes
+from psafit.inference.candidate import FitSettings, candidate_at, fit, optimised, separate_modes
 from psafit.inference.evidence import importance_sample
 from psafit.inference.hopping import hopped
 from psafit.inference.optimiser import maximise
@@ -130,6 +130,7 @@ def test_a_mode_behind_discontinuities_is_found_by_hops(seed):
     rig = replace(p, experiment=design.with_readings(np.maximum(y, 0.0)))
     there = float(maximise(rig, truth[None]).log_posterior[0])
     plain = fit(replace(rig, terms=()), (), seed=1, draws=4096, most=48)
-    optimised = fit(rig, [plain], seed=1, fresh=False)
-    assert optimised.log_posterior < there - 3
-    assert sample(rig, [optimised], seed=1)[0].log_posterior > there - 0.5
+    stopped = optimised(rig, plain.placed(rig))
+    assert stopped.log_posterior < there - 3
+    assert sample(rig, [stopped], seed=1)[0].log_posterior > there - 0.5
+    assert fit(rig, [plain], seed=1, fresh=False).log_posterior > there - 0.5, "a scan of the lag finds it, too"
