@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from psafit.cli.common import DONE, JSON, QUIET, Command, Place, escaped, shown_path, warn, write_result
-from psafit.drives import NAMES, WAVEFORMS
+from psafit.drives import NAMES, from_zero
 from psafit.errors import InputError
 from psafit.text import count
 
@@ -301,12 +301,12 @@ def _columns_text(table: Table) -> list[str]:
         lasts = f" for {g.drive.cycles:g} periods" if g.drive.cycles < math.inf else ""
         named = f" ({label!r})" if label else ""
         lines.append(f"  group {g.id}{named}: {drive}{bias}{at_rest}{phase}{lasts}{swing}, {read}, {g.file}")
-    about_zero = dict.fromkeys(g.waveform for g in table.groups if not g.drive.bias_v)
-    other = [f"unipolar_{name}" for name in about_zero if f"unipolar_{name}" in WAVEFORMS]
+    other = {g.waveform: raised for g in table.groups if not g.drive.bias_v and (raised := from_zero(g.waveform))}
     if other and any(column.volts == "pp" for column in table.columns):
+        shape, raised = next(iter(other.items()))
         lines.append(
-            f"  peak to peak is taken about 0 V; a drive that goes from 0 V is {' or '.join(other)}: say --waveform"
-            f" {other[0]}, or {other[0].removeprefix('unipolar_')}={other[0]} of a column of waveforms"
+            f"  peak to peak is taken about 0 V; a drive that goes from 0 V is {' or '.join(other.values())}: say"
+            f" --waveform {raised}, or {shape}={raised} of a column of waveforms"
         )
     return lines
 

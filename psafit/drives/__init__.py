@@ -14,7 +14,10 @@ from collections.abc import Mapping
 from psafit.drives.drive import Drive, Table
 from psafit.drives.waveform import Piece, Waveform
 
-__all__ = ["NAMES", "TABLE", "WAVEFORMS", "Drive", "Piece", "Table", "Waveform", "instead", "peak_to_peak", "span_of"]
+__all__ = [
+    "NAMES", "TABLE", "WAVEFORMS", "Drive", "Piece", "Table", "Waveform", "from_zero", "instead", "peak_to_peak",
+    "span_of",
+]  # fmt: skip
 
 _modules = (importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__))
 WAVEFORMS: dict[str, Waveform] = {m.WAVEFORM.id: m.WAVEFORM for m in _modules if hasattr(m, "WAVEFORM")}
@@ -49,6 +52,12 @@ def peak_to_peak(drive: Drive) -> float:
     """The command from its lowest to its highest per volt of amplitude; 1 of one that is constant, up from rest."""
     low, high = span_of(drive)
     return high - low or 1.0
+
+
+def from_zero(shape: str) -> str:
+    """The waveform of the same shape that goes from 0 V; empty where there is none."""
+    name = f"unipolar_{shape}"
+    return name if name in WAVEFORMS else ""
 
 
 def instead(wrong: str) -> str:

@@ -12,7 +12,7 @@ from importlib.resources import as_file, files
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.drives import WAVEFORMS, Drive, peak_to_peak
+from psafit.drives import WAVEFORMS, Drive, from_zero, peak_to_peak
 from psafit.experiment.records import DEFINITION, Constants, Group
 from psafit.experiment.rig import MATERIALS, Rig, is_rated_stroke
 from psafit.experiment.table import read_csv, readings_of
@@ -165,8 +165,8 @@ def _suspicious_rating(
 
 def _reversed(group: Group, volts: float, rated: float) -> str:
     """What is asked of a drive that goes as far below zero as most stacks do not survive."""
-    waveform = f"unipolar_{group.waveform}"
-    remedy = f"if it goes from 0 to V: {waveform}" if waveform in WAVEFORMS else "is its sign right, and bias_v?"
+    raised = from_zero(group.waveform)
+    remedy = f"if it goes from 0 to V: {raised}" if raised else "is its sign right, and bias_v?"
     return (
         f"the drive of group {group.id}, {group.waveform}, goes down to {volts:g} V, which most stacks of {rated:g} V"
         f" do not survive; {remedy}"

@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from psafit.drives import NAMES, TABLE, WAVEFORMS, Drive
+from psafit.drives import NAMES, TABLE, Drive, from_zero
 from psafit.errors import Faults, InputError, InputErrors
 from psafit.experiment.definition import id_of
 from psafit.experiment.drive_table import PERIOD, RECORDED, read_drive
@@ -417,8 +417,10 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
             shape = ""  # a name by itself is that of tables without such a column
         if options.drive and not said and not shape:
             shape = TABLE
-        if shape and (said or aside):
-            faults.add(_said_twice(grid, head, *(said, "") if said else (aside, mapped[aside[0]])))
+        if shape and said:
+            faults.add(_said_twice(grid, head, said[0]))
+        elif shape and aside:
+            faults.add(_said_twice(grid, head, aside[0], mapped[aside[0]]))
         used += [known for p in said for known in words_in(grid, head, p)]
         shapes.append(shape)
     for text, _ in options.meant if not options.drive else ():
@@ -434,21 +436,20 @@ def _check_meant(options: Options) -> None:
     meant = [word(text) for text, _ in options.meant]
     if twice := [text for text, _ in options.meant if meant.count(word(text)) > 1]:
         raise InputError(f"--waveform says twice what {shown(twice[0])} means", "say it once")
-    plain = replace(options, meant=())
-    for name in (*options.waveforms, *(name for _, name in options.meant)):
+    given = (*options.waveforms, *(name for _, name in options.meant))
+    for name in (name for name in given if name != TABLE):
         try:
-            known_waveform(name, plain) if name != TABLE else None
+            known_waveform(name, options)
         except CellFault as fault:
             raise InputError(f"--waveform {fault.what}", fault.remedy) from fault
 
 
-def _said_twice(grid: Grid, head: Head, places: Sequence[int], aside: str) -> InputError:
+def _said_twice(grid: Grid, head: Head, place: int, aside: str = "") -> InputError:
     """A waveform is given, and a column has others; `aside` is what that column is said to be instead."""
-    place = places[0]
     heading, there = head.headings[place].text, words_in(grid, head, place)
     column = heading or str(place + 1)
     what = f"a column gives the waveform, {shown(heading)}" if heading else "a column gives the waveform"
-    unlike = ",".join(f"{known}=unipolar_{known}" for known in there if f"unipolar_{known}" in WAVEFORMS)
+    unlike = ",".join(f"{known}={raised}" for known in there if (raised := from_zero(known)))
     remedy = f"leave out {option(column, aside)}" if aside else "leave out --waveform"
     if unlike:
         remedy += f"{', and' if aside else ', or'} say what its words mean, such as --waveform {unlike}"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
-from psafit.drives import TABLE, WAVEFORMS, Drive
+from psafit.drives import TABLE, WAVEFORMS, Drive, from_zero
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.chosen import SETTINGS, Chosen, Column, option
 from psafit.experiment.importing.grid import Grid, Row
@@ -98,8 +98,8 @@ def unread(grid: Grid, head: Head, chosen: Chosen, shape: str) -> Iterator[tuple
     known = {name for c in chosen.columns for name in (c.column, *(a.column for a in c.at))}
     for said in _lines(grid, head):
         named = next(iter(said.waveforms), "") or named_waveform(heading(said.text))
-        if "unipolar" in words(said.text).split() and f"unipolar_{shape}" in WAVEFORMS:
-            named = f"unipolar_{shape}"
+        if "unipolar" in words(said.text).split():
+            named = from_zero(shape) or named
         other = next(filter(None, (_in_other_unit(said, c) for c in chosen.columns)), "")
         of = next((n for n in CONDITION_COLUMNS if n in known and said.value and _is_of(said, n)), "")
         if named and named != shape and shape != TABLE:
@@ -124,7 +124,7 @@ def _ends(said: _Line, shape: str) -> str:
     least, most = form.span
     if high <= low or abs(low * most - high * least) <= 0.01 * high:
         return ""
-    raised = f"--waveform unipolar_{shape}, or " if low == 0.0 and f"unipolar_{shape}" in WAVEFORMS else ""
+    raised = f"--waveform {from_zero(shape)}, or " if low == 0.0 and from_zero(shape) else ""
     middle = (low + high) / 2
     return f"if that is the drive, say {raised}--set bias_v={middle:g} --set idle_v=NUMBER, the amplitude from there"
 

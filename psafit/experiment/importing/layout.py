@@ -107,8 +107,7 @@ def waveform_places(grid: Grid, head: Head, meant: Sequence[tuple[str, str]] = (
 
     Those are known that psafit knows, and those of which it is said what is meant.
     """
-    known = {word(text) for text, _ in meant}
-    every = (row.texts for row in grid.rows[head.first :] if not row.is_blank and not is_comment(row.texts[0]))
+    known, every = {word(text) for text, _ in meant}, _texts(grid, head)
     first = next(every, ())
     # Where the first row has no word, no column has one in each row.
     rows = [first, *every] if any(text and not is_number(text) for text in first) else [first]
@@ -123,8 +122,13 @@ def waveform_places(grid: Grid, head: Head, meant: Sequence[tuple[str, str]] = (
 
 def words_in(grid: Grid, head: Head, place: int) -> list[str]:
     """What a column calls its waveforms, each once."""
-    rows = (row.texts for row in grid.rows[head.first :] if not row.is_blank and not is_comment(row.texts[0]))
-    return list(dict.fromkeys(word(texts[place]) for texts in rows if place < len(texts) and texts[place]))
+    said = (texts[place] for texts in _texts(grid, head) if place < len(texts) and texts[place])
+    return list(dict.fromkeys(map(word, said)))
+
+
+def _texts(grid: Grid, head: Head) -> Iterator[Sequence[str]]:
+    """The texts of each row below the headings that is neither blank nor a comment."""
+    return (row.texts for row in grid.rows[head.first :] if not row.is_blank and not is_comment(row.texts[0]))
 
 
 def word(text: str) -> str:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from decimal import Decimal
 from itertools import zip_longest
 
-from psafit.drives import TABLE, WAVEFORMS, Drive, instead, peak_to_peak
+from psafit.drives import TABLE, WAVEFORMS, Drive, from_zero, instead, peak_to_peak
 from psafit.errors import InputError
 from psafit.experiment.drive_table import level
 from psafit.experiment.importing.chosen import (
@@ -136,7 +136,7 @@ def _at_rest(grid: Grid, row: Row, drive: Drive, chosen: Chosen, settings: dict[
     drive = options.drive_of(drive.waveform, settings)
     form, offset = WAVEFORMS.get(drive.waveform), next((c for c in chosen.of(BIAS) if not c.mapped), None)
     if form and offset and drive.bias_v and form.unipolar:
-        other = next((w.id for w in WAVEFORMS.values() if not w.unipolar and form.id.endswith(w.id)), "")
+        other = next((shape for shape in WAVEFORMS if from_zero(shape) == form.id), "")
         what = f"{form.id} goes from 0 V by itself, and column {offset.name} adds {drive.bias_v:g} V"
         say = "write" if chosen.of(WAVEFORM) else "say --waveform"
         raised = f"{say} {other} if that raises a {other}, or " if other else ""
@@ -322,20 +322,23 @@ def _check_decimals(grid: Grid, body: Body, chosen: Chosen) -> None:
 def _waveform(row: Row, chosen: Chosen, given: str, options: Options, faults: RowFaults) -> str:
     """The waveform of a row."""
     column = next(iter(chosen.of(WAVEFORM)), None)
-    text = given if column is None else text_of(_cell(row, column))
+    text = given if column is None else _meant(text_of(_cell(row, column)), options)
     if column is None and given == TABLE:
         return TABLE
     try:
-        return known_waveform(text, options if column else replace(options, meant=()))
+        return known_waveform(text, options)
     except CellFault as fault:
         faults.add(WAVEFORM, fault.what, fault.remedy, row.line)
         return next(iter(WAVEFORMS))
 
 
+def _meant(text: str, options: Options) -> str:
+    """What a cell's word for a waveform means, where that is said."""
+    return next((name for said, name in options.meant if word(said) == word(text)), text)
+
+
 def known_waveform(text: str, options: Options) -> str:
-    """Psafit's waveform that is meant by this name, or that of a file of its own; a `CellFault` for any other."""
-    meant = {word(said): name for said, name in options.meant}
-    text = meant.get(word(text), text)
+    """Psafit's waveform of this name, or that of a file of its own; a `CellFault` for any other."""
     if found := waveform(text):
         return found
     if words(text) == TABLE and options.drive_file is None:
