@@ -70,6 +70,12 @@ VALUES_TO_BERNSTEIN: FloatArray = np.ascontiguousarray([_bernstein(p, NODES - 1)
 ONCE_TO_BERNSTEIN: FloatArray = np.ascontiguousarray([_bernstein(p.integ(), DEGREE)[1:] for p in _POWER])
 """Bernstein coefficients of its integral from 0, without the first, which is zero; (s, s), by columns."""
 
+TWICE_TO_BERNSTEIN: FloatArray = np.ascontiguousarray(A.T @ ONCE_TO_BERNSTEIN)
+"""The same of the integral of the polynomial through the integral's values at the nodes: places from accelerations."""
+
+EVENLY: FloatArray = np.arange(1, DEGREE + 1) / DEGREE
+"""Bernstein coefficients of theta, without the first, which is zero; (s,)."""
+
 AT_BEGIN: FloatArray = np.ascontiguousarray(VALUES_TO_BERNSTEIN[:, 0])
 """Weights of the values at the nodes in the polynomial's value at 0."""
 

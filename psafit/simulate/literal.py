@@ -766,13 +766,13 @@ class _Drive:
                 self.switch(y)
                 if event == "end":
                     speed = float(y[_P])
-                    if speed > 0.0:
+                    if speed > 0.0 and not self.held:
                         launch = command.time, speed, float(y[_X1] - y[_D]) - rig.gap - self.rest
                         self.launched, self.work = True, float(y[_E])
                         self.peak_until_launch = self.peak
                         if command.time >= horizon:
                             break
-            if event in ("top", "rest"):
+            if event in ("top", "rest") or command.time >= limit:
                 self.highest = max(self.highest, float(y[_X1] - y[_D]) - rig.gap - self.rest)
             self.bend(y, event, jumped)
             if edge and not command.done and launch is None and command.index % command.per_period == 0:

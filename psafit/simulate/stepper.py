@@ -38,11 +38,13 @@ from psafit.simulate.collocation import (
     A2,
     AT_BEGIN,
     DEGREE,
+    EVENLY,
     EXTRAPOLATE,
     NODES,
     ONCE_TO_BERNSTEIN,
     RATIOS,
     TO_LEGENDRE,
+    TWICE_TO_BERNSTEIN,
     VALUES_TO_BERNSTEIN,
     A,
     C,
@@ -420,13 +422,11 @@ def _is_noise(bern, n, theta, resolved):  # type: ignore[no-untyped-def]
 
 
 @compiled(inside=True)
-def _top(speed, push, h, within, ball, bern, stack):  # type: ignore[no-untyped-def]
-    """How far the ball gets in a step in which it turns back, or in the part of it that is `within` the horizon."""
-    bern[0] = speed
-    store(bern, 1, times(ONCE_TO_BERNSTEIN, 0, push) * (h / ball) + speed)
-    theta = min(_first_root(bern, DEGREE, 0.0, stack), 1.0, within)
-    _, once = basis(theta)
-    return h * (theta * speed + h * total(times(A, 0, once) * push) / ball)
+def _top(place, speed, push, h, end, ball, best, bern, stack):  # type: ignore[no-untyped-def]
+    """Highest place of the ball in a step up to its cut or the horizon, or `best` if that is higher."""
+    bern[0] = place
+    store(bern, 1, (times(TWICE_TO_BERNSTEIN, 0, push) * (h / ball) + load(EVENLY, 0) * speed) * h + place)
+    return _highest(bern, DEGREE, end, best, stack)
 
 
 @compiled(inside=True)
@@ -938,9 +938,12 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
             continue
 
         # Advance to the end of the step or to the cut.
-        whole, before, x2_before = cut > 1.0, v2, x2
+        whole, limit = cut > 1.0, waiting if regime == FREE else horizon
         if forced and regime != FREE:
             peak = _peak(F, kappa, min(cut, 1.0), peak, bern, stack)
+        if not separated_once:
+            end = min(cut, 1.0, (limit - t) / h)
+            highest = _top(x2 - rest, v2, push, h, end, ball, highest, bern, stack)
         watched = _watched(
             trace, watched, t, t + min(cut, 1.0) * h, (x1, v1, x2, v2), acceleration, push, h, ball, (tip_rest, rest)
         )
@@ -950,11 +953,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
         xw, vw = _wall_moved(wall, back, acceleration, cut, at, h)
         cut = min(cut, 1.0)
         reference = max(reference, abs(v2)) if grows else reference
-        if before > 0.0 >= v2 and not separated_once:
-            within = ((waiting if regime == FREE else horizon) - t) / h
-            highest = max(highest, _top(before, push, h, within, ball, bern, stack) + x2_before - rest)
         w, t = v1 - v2, t + cut * h
-        if t > (waiting if regime == FREE else horizon):
+        if t > limit:
             break  # what the step met was beyond
         if whole or event == _PIECE:
             previous, kept = level, F
@@ -966,7 +966,6 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
         else:
             carried, fresh, lost_d = False, True, 0.0
             if event == _RESTS:
-                highest = highest if separated_once else max(highest, x2 - rest)
                 if separated_once and regime == FREE:
                     break  # the hop is over
                 v2, lost_v2, w = 0.0, 0.0, v1
@@ -998,7 +997,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
         when, speed, place, top, end, scale = launch
         slow = speed < how.slow * scale and tolerance * scale > still and unspent
         return _TOO_SLOW if slow else LAUNCHED, when, speed, place, top, end, step
-    return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), math.nan, 0, step
+    return NO_SEPARATION, math.nan, 0.0, highest, math.nan, 0, step
 
 
 @compiled(borrows=True)

@@ -100,6 +100,26 @@ ASTRAY = {
         repeat_impacts=[3.8396012870076484],
         swing_drag=[0.06379563849630314],
     ),
+    # A ball that is never launched reads its highest place: within a step, or at the horizon where it still rises.
+    "top within a step": launch(
+        Point("square", 4714.942062654642, 12.0),
+        [244074.72321728006, 21.2942027929112, 495.60010075354495],
+        start_phase=[-0.43712176050877016],
+        preload=[0.005733587984928285],
+    ),
+    "rising at the horizon": launch(
+        Point("square", 4714.942062654642, 12.0),
+        [220473.64549703323, 86951.20841424746, 139.95186742598563],
+        slew_limit=[2.353525051985649e-05],
+        preload=[0.0008321743209515797],
+    ),
+    # The tip leaves a ball that friction holds, and comes back to push it farther.
+    "held ball": launch(
+        Point("sine", 262.0409046699977, 20.0),
+        [27561.159539772, 2776.729448855937, 5.1067696410192145],
+        preload=[0.007989662406135932],
+        sliding_support=[2.079925891441067, 0.9559052146712843],
+    ),
     # A bond that is compressed again for a part of a step, or just before a piece of the drive ends.
     "bond, sine": launch(
         Point("sine", 8000.0, 15.0),
