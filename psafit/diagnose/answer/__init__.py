@@ -85,9 +85,9 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
         found.append(CheckFirst())
     if d.draft:
         found.append(Drafted(d.draft))
+    found += map(LookAt, d.looks[:1])  # which costs least
     if d.next_experiment.proposals:
         found.append(Next(d.next_experiment, d.leaves_tied))
-    found += map(LookAt, d.looks[:1])
     return (*found, Searched(d.looked_at, d.settings.search.missed))
 
 

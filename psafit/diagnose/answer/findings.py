@@ -370,6 +370,7 @@ class BySession(Statement):
     """What each session has, by a cause that differs by session."""
 
     topic = "wrong"
+    aside = True
     sessions: list[SessionResult]
 
     def say(self, words: Words) -> str:
@@ -409,6 +410,7 @@ class Indistinct(Statement):
     """Tied sets whose best fits to these readings are the same: more of them would not decide."""
 
     topic = "wrong"
+    aside = True
     nats: float
     others: int
 
@@ -426,6 +428,7 @@ class Lagging(Statement):
     """A damping of the stack that is none; what may stand for it has no name here."""
 
     topic = "wrong"
+    aside = True
     found: Overdamped
 
     def say(self, words: Words) -> str:
@@ -470,6 +473,7 @@ class Furthest(Statement):
     """
 
     topic = "wrong"
+    aside = True
     causes: list[str]
     readings: list[Reading]
     odd: int
@@ -503,6 +507,7 @@ class Unseen(Statement):
     """Causes of which even a plausible strength would not show, and those that act on nothing that was read."""
 
     topic = "wrong"
+    aside = True
     causes: list[str]
     idle: list[str]
     of: int
@@ -524,6 +529,7 @@ class TooWeak(Statement):
     """What may be at work as well, by too little to show, and what it would change of the values."""
 
     topic = "wrong"
+    aside = True
     adopted: list[str]
     counted: Counted
     values: dict[str, ParameterResult]
@@ -580,6 +586,7 @@ class AtWork(Statement):
     """
 
     topic = "wrong"
+    aside = True
     causes: list[tuple[str, str, float, float | None]]
     named: list[str]
     groups: list[GroupId]
@@ -608,6 +615,7 @@ class Against(Statement):
     """Causes that are likely before any reading and are not after them; with both probabilities."""
 
     topic = "wrong"
+    aside = True
     causes: list[tuple[str, str, float, float]]
     named: list[str]
     groups: list[GroupId]
@@ -639,6 +647,7 @@ class Room(Statement):
     """
 
     topic = "wrong"
+    aside = True
     adopted: list[str]
     cause: str
     share: float

@@ -13,9 +13,10 @@ Topic = Literal["scope", "adequate", "wrong", "detail", "trust", "gained", "next
 
 @dataclass(frozen=True)
 class Statement:
-    """One thing that a diagnosis says."""
+    """One thing that a diagnosis says; `aside` where a short answer does without it."""
 
     topic: ClassVar[Topic]
+    aside: ClassVar[bool] = False
 
     def say(self, words: Words) -> str:
         """The sentence, in the words of a page or of a terminal."""

@@ -112,14 +112,15 @@ PAGE = PageWords()
 
 @dataclass(frozen=True)
 class Paragraph:
-    """An answer: a paragraph, and what is listed below it."""
+    """An answer: a paragraph, what is listed below it, and what stands below the short answers."""
 
     text: Markup
     points: tuple[Markup, ...] = ()
+    aside: tuple[Markup, ...] = ()
 
 
 def first_screen(result: Diagnosis, beliefs: Sequence[Belief] = (), together: int = 2) -> list[Paragraph]:
-    """The answer, a paragraph a question; sentences beyond so many `together` are listed below."""
+    """The answer, a paragraph a question; sentences beyond so many `together` are listed below it."""
     found: dict[str, list[Statement]] = {}
     for statement in answer(result, beliefs):
         found.setdefault(statement.topic, []).append(statement)
@@ -132,12 +133,16 @@ def first_screen(result: Diagnosis, beliefs: Sequence[Belief] = (), together: in
         if statements := found.get(topic):
             head = Markup("<strong>{}</strong> ").format(question) if question else Markup("")
             judged = [Markup(_JUDGED[s.adequate]) for s in statements if isinstance(s, Judged)]
-            texts = [escape(s.say(PAGE)) for s in statements]
-            said = [text[:1].upper() + text[1:] for text in texts]  # a cause's title may begin it
+            said = [_said(s) for s in statements if not s.aside]
             first, points = Markup(" ").join([*judged, *said[:together]]), tuple(said[together:])
             link = Markup(" <a href='#next'>More</a>") if topic == "next" else ""
-            paragraphs.append(Paragraph(head + first + link, points))
+            paragraphs.append(Paragraph(head + first + link, points, tuple(_said(s) for s in statements if s.aside)))
     return paragraphs
+
+
+def _said(statement: Statement) -> Markup:
+    text = escape(statement.say(PAGE))
+    return text[:1].upper() + text[1:]  # a cause's title may begin it
 
 
 def kind(result: Diagnosis) -> str:
