@@ -22,6 +22,7 @@ MARKED = (
     ("text=baseline against the readings", "left"),
     ("text=typical factor between baseline", "left"),
     ("nav", "left"),
+    (".besides", "left"),
 )
 BADGE = (
     "position:absolute;width:30px;height:30px;border-radius:50%;background:#0072b2;color:#fff;"
@@ -37,7 +38,7 @@ def draw(page_file: Path, file: Path) -> None:
     executable = next(filter(None, map(shutil.which, names)), None)
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=executable)
-        page = browser.new_page(viewport={"width": 1240, "height": 1500})
+        page = browser.new_page(viewport={"width": 1240, "height": 1640})
         page.goto(page_file.resolve().as_uri())
         page.add_style_tag(content="body { padding: 0 28px !important }")
         for number, (selector, edge) in enumerate(MARKED, 1):

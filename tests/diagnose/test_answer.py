@@ -345,6 +345,8 @@ def test_groups_that_are_predicted_worse_are_named() -> None:
     assert "What reading_gain does in a session that was not fitted is not known" in own
     said = Gained(gain, [1], []).say(PLAIN)
     assert said.endswith("Predicted worse than by the baseline: group 2 (0.900 to 0.200).")
+    held = Gained(replace(gain, coverage_after=0.42), [1], []).say(PLAIN)
+    assert "Its 90 % bands hold 42 % of these readings." in held
 
 
 def test_how_often_chance_finds_as_much() -> None:

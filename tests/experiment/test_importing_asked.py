@@ -398,6 +398,10 @@ def test_words_of_a_column_mean_other_waveforms(tmp_path: Path) -> None:
     assert "'half' is no waveform" in refused(tmp_path, content, waveforms=(), meant=(("saw", "half"),))
     bare = "f (Hz);Vp;Range (um)\n1;2;3\n"
     assert "say --column HEADING=waveform" in refused(tmp_path, bare, waveforms=(), meant=meant[:1])
+    offset = "f (Hz);Vpp;Range (um);Form;DC offset (V)\n1200;20;76;sine;5\n1300;20;75;Rechteck;5\n"
+    rests = (("idle_v", (0.0,)),)
+    asked = refused(tmp_path, offset, waveforms=(), meant=meant[:2], values=rests)
+    assert "; say --waveform Sinus=sine if that raises a sine, or say --column " in asked, asked
     # A name by itself is that of a file without such a column, as it stands.
     files = [tmp_path / name for name in ("column.csv", "bare.csv")]
     for file, text in zip(files, (content, bare), strict=True):

@@ -119,6 +119,10 @@ def test_first_screen_answers(page):
     assert "22,000 times" in text
     apart = "separates hysteresis of the stack from gap at rest + slew-limited amplifier"
     assert f"Next, measure sine, 20 V: it best {apart}, with an expected lead of 12.5 ± 0.4 nats." in text
+    # The short answer first, and of what is next that which costs least.
+    order = ("90 % interval:", "What was gained?", "Without launches,", "Next, measure", "say besides", "Furthest from")
+    places = [text.index(part) for part in order]
+    assert places == sorted(places)
 
 
 def test_record_is_shown(page):

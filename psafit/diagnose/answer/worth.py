@@ -46,10 +46,11 @@ class Gained(Statement):
             return words.put(how, g.protocol, seen)
         text = words.put(
             "Gain on unseen data ({}; causes and parameters chosen on {}): the typical error goes from a factor of {}"
-            " to {} (mean log_rmse {} before, {} after; change {} to {}, 90 %).",
+            " to {} (mean log_rmse {} before, {} after; change {} to {}, 90 %)."
+            " Its 90 % bands hold {} of these readings.",
             g.protocol, seen, *(f"{math.exp(min(x, 99.0)):.3g}" for x in (g.log_rmse_before, g.log_rmse_after)),
             f"{g.log_rmse_before:.3f}", f"{g.log_rmse_after:.3f}",
-            *(words.number(fixed(x, 3, sign=True)) for x in g.log_rmse_interval),
+            *(words.number(fixed(x, 3, sign=True)) for x in g.log_rmse_interval), words.per_cent(g.coverage_after),
         )  # fmt: skip
         if self.by_session:
             own = "{} What {} does in a session that was not fitted is not known: the band of such a session is wider."
