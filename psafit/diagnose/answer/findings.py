@@ -432,7 +432,8 @@ class Lagging(Statement):
     found: Overdamped
 
     def say(self, words: Words) -> str:
-        return words.put("{}{}.", self.found.text[:1].upper(), self.found.text[1:])
+        text = words.number(self.found.text)
+        return words.put("{}{}.", text[:1].upper(), text[1:])
 
 
 @dataclass(frozen=True)

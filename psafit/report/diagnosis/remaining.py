@@ -66,6 +66,7 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
         "odd_groups": words.group_ids(tests.odd_groups) if tests.odd_groups else None,
         "odd_points": listed(odd) if odd else None,
         "n_statistics": len(tests.statistics),
+        "expected": significant(0.05 * len(tests.statistics), 1),
         "rows": [
             [
                 s.name,
