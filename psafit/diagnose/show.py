@@ -18,20 +18,21 @@ misfit; the slope says which way it must drift. A parameter that must drift poin
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
-from scipy.stats import f, t
+from scipy.stats import f, norm, t
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.residuals import conditions, in_group, sweeps
 from psafit.experiment import GroupId, by_part, read_as
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, recorded_name
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, named, recorded_name
 from psafit.records import ABSENT
 from psafit.validate import without_each
 
@@ -181,6 +182,28 @@ class Offset:
     lower: float
     upper: float
     observable: str | None = field(default=None, metadata=ABSENT)
+
+    @property
+    def error(self) -> float:
+        """Standard error of the factor's logarithm."""
+        return float(np.log(self.upper / self.lower) / (2 * 1.645))
+
+    def unlike(self, other: Offset) -> float:
+        """How far this factor and that of another observable are apart, in standard errors."""
+        return float(abs(np.log(self.factor / other.factor)) / math.hypot(self.error, other.error))
+
+
+def unlike(offsets: Sequence[Offset], level: float) -> tuple[Offset, Offset] | None:
+    """The two of the same sessions that differ most by what is read, if they do at some level, all pairs counted.
+
+    Of what grows with the drive: a time has no gain.
+    """
+    scaled = [o for o in offsets if named(o.observable).grows]
+    pairs = [(a, b) for a, b in itertools.combinations(scaled, 2) if (a.first, a.second) == (b.first, b.second)]
+    if not pairs:
+        return None
+    most = max(pairs, key=lambda pair: pair[0].unlike(pair[1]))
+    return most if 2 * norm.sf(most[0].unlike(most[1])) * len(pairs) < level else None
 
 
 def offsets(candidate: Candidate) -> list[Offset]:

@@ -13,6 +13,7 @@ from psafit.diagnose.answer import answer, sentences
 from psafit.diagnose.answer.findings import (
     BySession,
     Furthest,
+    GainsDiffer,
     Implausible,
     Indistinct,
     Judged,
@@ -30,6 +31,7 @@ from psafit.diagnose.answer.worth import Gained
 from psafit.diagnose.misfit import Coincidence
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.record.models import Counted, ParameterResult, SessionResult, Without
+from psafit.diagnose.show import Offset
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
 from psafit.model_search.model_set import LookedAt
@@ -111,6 +113,36 @@ def test_what_each_session_has_is_said_in_words_and_on_a_page() -> None:
     page = "lean that differs by session 0.0020 m (0.0010 to 0.0030) in group 1 and 0.00500 m in group b."
     assert str(said.say(PAGE)).replace("\u00a0", " ") == f"Session by session: {page}"
     assert not of(d, BySession)
+
+
+def test_sessions_that_differ_by_what_is_read_point_to_two_instruments() -> None:
+    ranges, speeds = Offset("mon", "tue", 9, 0.9, 0.88, 0.92), Offset("mon", "tue", 9, 1.0, 0.98, 1.02, "launch_speed")
+    d = replace(record(), verdict="unexplained", alternatives=[], unexplained_by="structure")
+
+    def said(*sessions: Offset, **changed) -> list[str]:
+        found = replace(d, misfit=replace(d.misfit, sessions=list(sessions)), **changed)
+        return [s.say(PLAIN) for s in of(found, GainsDiffer)]
+
+    (text,) = said(ranges, speeds)
+    assert "From session mon to session tue the factors differ, launch ranges by 0.9 (0.88 to 0.92) and launch" in text
+    assert not said(ranges, speeds, verdict="explained")
+    times = replace(speeds, observable="contact_time")
+    for other in (replace(speeds, factor=0.93, lower=0.9, upper=0.96), replace(speeds, second="wed"), times):
+        assert not said(ranges, other), "chance, other sessions, or what no gain acts on"
+    # A difference that one pair in 270 shows is none among 21.
+    near = replace(speeds, factor=0.95, lower=0.93, upper=0.97)
+    assert said(ranges, near)
+    others = [replace(o, first=f"a{k}") for k in range(20) for o in (speeds, replace(speeds, observable=None))]
+    assert not said(ranges, near, *others)
+
+
+def test_what_is_left_is_said_of_the_best_extension() -> None:
+    d = replace(record(), verdict="unexplained", alternatives=[], unexplained_by="structure")
+    odd = replace(d.misfit.extended, p_value=0.005, character="group", odd_groups=[2])
+    texts = [s.say(PLAIN) for s in of(replace(d, misfit=replace(d.misfit, extended=odd)), Kind)]
+    assert [text.partition(" misses")[0] for text in texts] == ["What the baseline", "What the best extension"]
+    assert texts[1].endswith("(group 2).")
+    assert len(of(replace(d, verdict="explained", misfit=replace(d.misfit, extended=odd)), Kind)) == 1
 
 
 def test_a_named_set_is_held_to_what_is_asked_of_the_baseline() -> None:

@@ -348,6 +348,11 @@ def test_sweeps_that_have_become_one_group_are_asked_about(
     write(Path("a.csv"), f"f (Hz);Vp;Range (um)\n1000;20;76\n1500;20;70\n1000;{volts};150\n1500;{volts};140\n")
     assert run(monkeypatch, "import", "a.csv", "--waveform", "sine", "--out", "rig") == 0
     assert ("\none group, in which frequency and amplitude vary: if" in capsys.readouterr().out) is several
+    write(Path("b.csv"), Path("a.csv").read_text("utf-8"))
+    assert run(monkeypatch, "import", "a.csv", "b.csv", "--waveform", "sine", "--out", "two") == 0
+    out = capsys.readouterr().out
+    assert ("\ngroups 1, 2, in which frequency and amplitude vary: if" in out) is several
+    assert 'of one session write session = "NAME" in two' in out
 
 
 def test_an_import_prints_its_labels_and_proposes_what_new_does(

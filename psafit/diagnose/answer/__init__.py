@@ -16,6 +16,7 @@ from psafit.diagnose.answer.findings import (
     BreaksLaw,
     BySession,
     Furthest,
+    GainsDiffer,
     Implausible,
     Indistinct,
     Judged,
@@ -38,6 +39,7 @@ from psafit.diagnose.gain import Gain
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.record.models import NOT_EXCLUDED, NOT_PRESENT, UNSEEN, CauseResult, ParameterResult
+from psafit.diagnose.show import unlike
 from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.inference import noise
 from psafit.model_search.model_set import DECISIVE
@@ -71,9 +73,9 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
     if d.calibration:  # what all the rest is worth
         found.append(Calibrated(d.calibration, d.explains, d.verdict, d.named))
     found += _without(d)
-    tests = d.misfit.baseline
-    if d.misfit.p_value < ALPHA and tests.character != "none":
-        found.append(Kind(tests.character, tests.odd_groups, len(tests.odd_points), tests.statistics))
+    found += _kinds(d)
+    if d.verdict == "unexplained" and (both := unlike(d.misfit.sessions, ALPHA)):
+        found.append(GainsDiffer(*both))
     found += [*_values(d), *map(BreaksLaw, d.laws), *_too_weak(d), *_unseen(d), *_at_work(d, beliefs), *_robust(d)]
     if d.influence and (carried := [c for c in d.influence.causes if c.half]):
         found.append(LivesOn(carried, len(d.influence.tail)))
@@ -143,6 +145,15 @@ def _without(d: Diagnosis) -> Iterator[Statement]:
     sure = [w for w in d.without if all(w.cause in ids for ids in reported)]
     if sure and d.verdict in ("explained", "ambiguous"):
         yield Replaced(sure, d.named)
+
+
+def _kinds(d: Diagnosis) -> Iterator[Statement]:
+    """What kind of thing is wrong with the baseline, and still is where nothing explains it."""
+    after = d.misfit.extended if d.verdict == "unexplained" else None
+    models: tuple[Literal["baseline", "best extension"], ...] = ("baseline", "best extension")
+    for model, tests in zip(models, (d.misfit.baseline, after), strict=True):
+        if tests and tests.p_value < ALPHA and tests.character != "none":
+            yield Kind(model, tests.character, tests.odd_groups, len(tests.odd_points), tests.statistics)
 
 
 def _rivals(d: Diagnosis) -> Iterator[Rival]:

@@ -11,10 +11,12 @@ from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.misfit import ALPHA, Character, Statistic, described
 from psafit.diagnose.record.misfit import Condition, Reading
 from psafit.diagnose.record.models import Counted, ParameterResult, SessionResult, Without
+from psafit.diagnose.show import Offset
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.model_search.model_set import CREDIBLE, LookedAt
+from psafit.observables import named
 from psafit.physics import TERMS, owner
 from psafit.records import Broken, Objection, Overdamped
 from psafit.text import count, fixed, p_text, significant
@@ -327,9 +329,10 @@ def _first(texts: list[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Kind(Statement):
-    """What kind of thing is wrong with the baseline."""
+    """What kind of thing is wrong with the baseline, or with what is left of its best extension."""
 
     topic = "wrong"
+    model: Literal["baseline", "best extension"]
     character: Character
     groups: list[GroupId]
     points: int
@@ -341,7 +344,10 @@ class Kind(Statement):
             "points": f": {self.points} of them",
         }
         return words.put(
-            "What the baseline misses: {}{}.", described(self.character, self.statistics), which.get(self.character, "")
+            "What the {} misses: {}{}.",
+            self.model,
+            described(self.character, self.statistics),
+            which.get(self.character, ""),
         )
 
 
@@ -424,6 +430,26 @@ class Indistinct(Statement):
 
 
 @dataclass(frozen=True)
+class GainsDiffer(Statement):
+    """Two sessions that differ by one factor in what one instrument reads, and by another in what another does."""
+
+    topic = "wrong"
+    first: Offset
+    second: Offset
+
+    def say(self, words: Words) -> str:
+        each = (
+            words.put("{} by {}", named(o.observable).titles, words.value("1", o.factor, (o.lower, o.upper)))
+            for o in (self.first, self.second)
+        )
+        return words.put(
+            "From session {} to session {} the factors differ, {}: no gain of a session does that. If two instruments"
+            " read them, give each instrument groups of its own (docs/questions.md, On what does reading_gain act?).",
+            self.first.first, self.first.second, words.listed(each),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
 class Lagging(Statement):
     """A damping of the stack that is none; what may stand for it has no name here."""
 
@@ -485,7 +511,7 @@ class Furthest(Statement):
             words.put(
                 "{} ({} read{}, {} predicted)", _place(r, words),
                 words.number(f"{significant(r.reading)} {r.unit}"),
-                words.put(", {} {} when repeated", words.joined(", ", map(significant, r.repeats)), r.unit)
+                words.put(", {} when repeated", words.number(f"{', '.join(map(significant, r.repeats))} {r.unit}"))
                 if r.repeats
                 else "",
                 words.number(f"{significant(r.predicted)} {r.unit}"),

@@ -125,6 +125,10 @@ class Next(Statement):
 
     def say(self, words: Words) -> str:
         first, equal = self.found.proposals[0], self.found.as_good
+        if not self.found.recommended and first.separation <= 2.0 * first.error:
+            about = self.found.purpose.say(words) if self.found.purpose else self.found.about
+            tried = "None of the measurements that were tried, within the ranges measured or those of [limits], {}."
+            return words.put(tried, about)
         how = "No measurement within the ranges measured, or those of [limits], would show much: {}, {}"
         if self.found.recommended:
             how = "Next, measure {}: it {}" if equal else "Next, measure {}: it best {}"

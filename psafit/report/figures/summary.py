@@ -131,7 +131,10 @@ def row_names(rows: Sequence[Row], room: int = 30) -> tuple[list[str], str]:
     def fits(kept: list[list[str]]) -> bool:
         return all(len(g) + 2 + len(", ".join(own)) <= room for g, own in zip(groups, kept, strict=True))
 
-    differ = [one for one in (held, plain, ends) if len({*map(tuple, one)}) == len({*map(tuple, held)})]
+    def apart(kept: list[list[str]]) -> int:
+        return len({(g, *own) for g, own in zip(groups, kept, strict=True)})
+
+    differ = [one for one in (held, plain, ends) if apart(one) == apart(held)]
     named = len({*groups}) == len(rows) and not any(g.isdigit() for g in groups)
     alone: list[list[str]] = [[] for _ in rows]
     kept = next(filter(fits, differ), alone if named else differ[-1])
