@@ -167,6 +167,12 @@ def test_rows_of_the_first_picture_differ_where_the_groups_do():
     ]
     names, shared = figures.row_names([*bursts, figures.Row(3, "unipolar triangle, 20 V, l = 0.09 m", rows[0].marks)])
     assert all(f"{k}0 V" in name for k, name in zip((1, 2, 2), names, strict=True)) and shared == "l = 0.09 m"
+    read = [
+        figures.Row(f"A_{w[:3]}_f", f"launch {what}, {w} (3 periods), {volts} V", rows[0].marks)
+        for w, volts in (("sine", 18), ("square", 9), ("triangle", 18)) for what in ("range", "speed")
+    ]  # fmt: skip
+    names, _ = figures.row_names(read)
+    assert names[:3] == ["A_sin_f: launch range, 18 V", "A_sin_f: launch speed, 18 V", "A_squ_f: launch range, 9 V"]
     same = [figures.Row(k, "sine, 2 kHz", rows[0].marks) for k in (1, 2)]
     assert figures.row_names(same) == (["1", "2"], "sine, 2 kHz")
     long = ["launch speeds, 649.4 Hz, 30 V", "displacements, 649.4 Hz, 100 V"]
