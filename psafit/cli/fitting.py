@@ -236,6 +236,7 @@ def _say_fit(result: Run, numerics: Numerics) -> None:
     from psafit.inference.identify import not_expected, profiled
     from psafit.inference.samplers import sampler
     from psafit.inference.summary import overdamped
+    from psafit.physics import redefined
     from psafit.report.wording import compared
 
     best = result.fit.minima[0]
@@ -253,6 +254,8 @@ def _say_fit(result: Run, numerics: Numerics) -> None:
             click.echo(f"  {p.text}{also}" + (not_expected((p.prior_lower, p.prior_upper)) if strange else ""))
     if left:
         click.echo(f"  not determined, of the scatter or of sessions: {', '.join(left)}")
+    for term, name, what in redefined(result.problem.ids):
+        click.echo(f"with {term}, {name} is {what}")
     for cause, sizes in _by_session(result.summary.sessions or []):
         click.echo(f"session by session, {cause}: {', '.join(sizes)}")
     if lagging := overdamped(result.problem, result.summary.parameters):

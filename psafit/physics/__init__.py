@@ -192,6 +192,12 @@ def meaning(name: str) -> str:
     return _KNOWN[name].description if name in _KNOWN else ""
 
 
+def redefined(ids: Iterable[str]) -> list[tuple[str, str, str]]:
+    """Parameters of the baseline that are something else with some causes: the cause, the parameter, what it is."""
+    chosen = {*ids}
+    return [(t.id, name, what) for t in TERMS if t.id in chosen for name, what in t.redefines]
+
+
 def _refused(belief: Followed, reason: str) -> tuple[str, str]:
     """What is wrong with facts from which no prior can follow, and the remedy."""
     for key, value in belief.facts:

@@ -52,6 +52,7 @@ TERM = Term(
     description=__doc__ or "",
     probability=0.7,
     because="a ball on a flat face is Hertzian by geometry, unless paper or tape lies between",
+    redefines=(("k_c", "the secant stiffness at 1 um of indentation"),),
     parameters=(
         Parameter(
             name="hertz_n",

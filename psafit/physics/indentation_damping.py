@@ -56,6 +56,7 @@ TERM = Term(
         "the area that is rubbed and strained does grow with depth, but of a loss of some per cent that change "
         "does not show"
     ),
+    redefines=(("c_c", "the damping at 1 um of indentation"),),
     parameters=(
         Parameter(
             name="indentation_damping_p",

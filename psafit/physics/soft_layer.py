@@ -53,6 +53,7 @@ TERM = Term(
     description=__doc__ or "",
     probability=0.03,
     because="a ball on a ground face meets asperities of less than a micrometre, which one launch closes",
+    redefines=(("k_c", "the tangent stiffness far beyond the layer"),),
     parameters=(
         Parameter(
             name="soft_layer_depth",

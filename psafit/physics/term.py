@@ -344,6 +344,8 @@ class Term:
         of the session in question.
     of_session : OfSession, optional
         What each session has by it; fits and diagnoses report that.
+    redefines : tuple of (str, str)
+        Parameters of the baseline that are something else with it, and what: a noun with its article.
     limit : (str, tuple of float), optional
         Where a vanishing strength does not tend to the baseline: the cause it tends to, with that one's values. The
         description says why.
@@ -377,6 +379,7 @@ class Term:
     reads: tuple[str, ...] = (LAUNCH_RANGE.name,)
     latent: Parameter | None = None
     of_session: OfSession | None = None
+    redefines: tuple[tuple[str, str], ...] = ()
     limit: tuple[str, tuple[float, ...]] | None = None
     drives: Drives = "every"
     plugin: str = ""

@@ -17,9 +17,10 @@ from psafit.inference.run_folder import Run
 from psafit.inference.samplers import sampler
 from psafit.inference.summary import overdamped
 from psafit.observables import LAUNCH_RANGE, named
+from psafit.physics import redefined
 from psafit.records import GroupScore, Numerics, ParameterSummary, SessionSummary, Validation
 from psafit.report import figures, fit_pictures
-from psafit.report.catalogue import TITLES
+from psafit.report.catalogue import TITLES, symbol
 from psafit.report.fit_pictures import Shown
 from psafit.report.page import render
 from psafit.report.wording import (
@@ -248,6 +249,8 @@ def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     if lagging := overdamped(run.problem, run.summary.parameters):
         text = re.sub(r"\b[a-z]_[a-z]\b", lambda found: symbol_html(found[0]), escape(typeset(lagging.text)))
         said.append(Markup("{}.").format(Markup(text[:1].upper() + text[1:])))
+    for cause, name, what in redefined(run.problem.ids):
+        said.append(Markup("With {}, {} is {}.").format(TITLES[cause], symbol(name), typeset(what)))
     return Markup(" ").join(said)
 
 

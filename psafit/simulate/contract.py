@@ -282,6 +282,9 @@ def declaration(cause: Term) -> Outcome:
             faults.append(f"{what} is not one line of LaTeX without dollar signs, its braces in pairs")
     outside = [p.name for p in named if p.neutral is not None and not p.bounds.lower <= p.neutral <= p.bounds.upper]
     faults += [f"neutral value of {name} outside its bounds" for name in outside]
+    plain = [p.name for p in baseline.PARAMETERS]
+    unknown = [name for name, _ in cause.redefines if name not in plain]
+    faults += [f"redefines {name}, which is none of {', '.join(plain)}" for name in unknown]
     if cause.of_session:
         found = np.shape(cause.of_session.value(np.tile([*plausible(cause), 0.5], (3, 1))))
         faults += [f"what a session has is of shape {found} for 3 sets, not (3,)"] if found != (3,) else []

@@ -20,6 +20,7 @@ from psafit.diagnose.answer.findings import (
     Kind,
     Lagging,
     Named,
+    Redefined,
     Replaced,
     Rival,
     Room,
@@ -143,6 +144,13 @@ def test_what_is_left_is_said_of_the_best_extension() -> None:
     assert [text.partition(" misses")[0] for text in texts] == ["What the baseline", "What the best extension"]
     assert texts[1].endswith("(group 2).")
     assert len(of(replace(d, verdict="explained", misfit=replace(d.misfit, extended=odd)), Kind)) == 1
+
+
+def test_what_a_parameter_is_with_a_cause_is_said() -> None:
+    assert not of(record(), Redefined)
+    (said,) = of(replace(record(), named=["hertz_exponent"]), Redefined)
+    assert said.say(PLAIN) == "With hertz_exponent, k_c is the secant stiffness at 1 um of indentation."
+    assert "is the secant stiffness at 1 µm" in said.say(PAGE)
 
 
 def test_a_named_set_is_held_to_what_is_asked_of_the_baseline() -> None:

@@ -16,7 +16,7 @@ from scripts import loaded
 from psafit.drives import Drive, Table
 from psafit.experiment import Constants, read_experiment
 from psafit.parameters import Bounds, Normal, Parameter
-from psafit.physics import TERMS, baseline, term
+from psafit.physics import TERMS, baseline, redefined, term, terms
 from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 from psafit.simulate import Design, columns, contract, path_of, simulate
 from psafit.simulate.contract import Draw, Outcome, draw, edges
@@ -153,6 +153,13 @@ def test_hand_checks(cause: Term) -> None:
 @CAUSES
 def test_the_declaration_can_be_printed(cause: Term) -> None:
     holds(contract.declaration(cause))
+
+
+def test_only_parameters_of_the_baseline_are_redefined() -> None:
+    (hertz,) = terms(["hertz_exponent"])
+    assert redefined(["gap", "hertz_exponent"]) == [("hertz_exponent", *pair) for pair in hertz.redefines]
+    wrong = contract.declaration(replace(hertz, redefines=(("hertz_n", "another"),)))
+    assert not wrong.passed and "redefines hertz_n, which is none of k_c, c_s, c_c" in wrong.text
 
 
 @CAUSES

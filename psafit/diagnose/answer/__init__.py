@@ -24,6 +24,7 @@ from psafit.diagnose.answer.findings import (
     Lagging,
     Named,
     NothingShows,
+    Redefined,
     Replaced,
     Restricted,
     Rival,
@@ -46,7 +47,7 @@ from psafit.model_search.model_set import DECISIVE
 from psafit.model_search.visibility import VISIBLE
 from psafit.observables import OBSERVABLES
 from psafit.parameters import Belief, leading_belief
-from psafit.physics import owner
+from psafit.physics import owner, redefined
 
 _TAILS = noise.PARAMETERS[-1]
 _WIDTHS = {parameter.name for o in OBSERVABLES for parameter in o.scatter[:2]}
@@ -185,6 +186,8 @@ def _values(d: Diagnosis) -> Iterator[Statement]:
     others = {name: p for name, p in _sized(tied).items() if name not in own}
     if own or others:
         yield Sizes(list(own.items()), list(others.items()), d.verdict)
+    if d.named and (other := redefined(d.named)):
+        yield Redefined(other)
     if d.best_model and d.best_model.sessions:
         yield BySession(d.best_model.sessions)
     # Of a baseline that is wrong no value is believed anyway.

@@ -372,6 +372,22 @@ class Sizes(Statement):
 
 
 @dataclass(frozen=True)
+class Redefined(Statement):
+    """What parameters of the baseline are with the causes that are reported: cause, parameter, what it is."""
+
+    topic = "wrong"
+    aside = True
+    values: list[tuple[str, str, str]]
+
+    def say(self, words: Words) -> str:
+        each = (
+            words.put("With {}, {} is {}.", words.cause(cause), words.parameter(name), words.number(what))
+            for cause, name, what in self.values
+        )
+        return words.joined(" ", each)
+
+
+@dataclass(frozen=True)
 class BySession(Statement):
     """What each session has, by a cause that differs by session."""
 

@@ -383,7 +383,8 @@ def no_alternative(result: Diagnosis) -> str:
         return "No set of causes that was fitted stands out from the baseline, which does not explain the readings."
     what = "set of these causes" if result.left_out else "set of causes"
     other = result.looked_at.no_other(what)
-    return f"{other.capitalize()} does as well."
+    best = " as the best, which does not explain the readings" if result.verdict == "unexplained" else ""
+    return f"{other.capitalize()} does as well{best}."
 
 
 def confounded(pairs: Sequence[Confounded], most: int = 12) -> list[list[Any]]:
