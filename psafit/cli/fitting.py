@@ -233,6 +233,8 @@ def _by_session(sessions: Sequence[SessionSummary]) -> Iterator[tuple[str, list[
 
 def _say_fit(result: Run, numerics: Numerics) -> None:
     """Say what a fit found, and whether it converged."""
+    from psafit.diagnose.answer.findings import Redefined
+    from psafit.diagnose.words import PLAIN
     from psafit.inference.identify import not_expected, profiled
     from psafit.inference.samplers import sampler
     from psafit.inference.summary import overdamped
@@ -254,8 +256,8 @@ def _say_fit(result: Run, numerics: Numerics) -> None:
             click.echo(f"  {p.text}{also}" + (not_expected((p.prior_lower, p.prior_upper)) if strange else ""))
     if left:
         click.echo(f"  not determined, of the scatter or of sessions: {', '.join(left)}")
-    for term, name, what in redefined(result.problem.ids):
-        click.echo(f"with {term}, {name} is {what}")
+    if meanings := redefined(result.problem.ids):
+        click.echo(Redefined(meanings).say(PLAIN))
     for cause, sizes in _by_session(result.summary.sessions or []):
         click.echo(f"session by session, {cause}: {', '.join(sizes)}")
     if lagging := overdamped(result.problem, result.summary.parameters):

@@ -12,14 +12,15 @@ misfit; the slope says which way it must drift. A parameter that must drift poin
 
 *Lines.* What a model says at the readings and between them, and what it would say without each of its causes.
 
-*Sessions.* Where two sessions share conditions, the factor between their readings: no model of the rig can explain it.
+*Sessions.* Where two sessions share conditions, the factor between their readings, by what is read: a gain of a
+session makes one factor of all that an instrument reads.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -33,6 +34,7 @@ from psafit.experiment import GroupId, by_part, read_as
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, named, recorded_name
+from psafit.physics.term import Term
 from psafit.records import ABSENT
 from psafit.validate import without_each
 
@@ -183,27 +185,47 @@ class Offset:
     upper: float
     observable: str | None = field(default=None, metadata=ABSENT)
 
-    @property
-    def error(self) -> float:
-        """Standard error of the factor's logarithm."""
-        return float(np.log(self.upper / self.lower) / (2 * 1.645))
 
-    def unlike(self, other: Offset) -> float:
-        """How far this factor and that of another observable are apart, in standard errors."""
-        return float(abs(np.log(self.factor / other.factor)) / math.hypot(self.error, other.error))
+@dataclass(frozen=True)
+class Unlike:
+    """Two sessions that differ by one factor in what is read, and by another in something else.
 
-
-def unlike(offsets: Sequence[Offset], level: float) -> tuple[Offset, Offset] | None:
-    """The two of the same sessions that differ most by what is read, if they do at some level, all pairs counted.
-
-    Of what grows with the drive: a time has no gain.
+    Parameters
+    ----------
+    cause : str
+        What would move both by the same factor.
+    first, second : Offset
     """
-    scaled = [o for o in offsets if named(o.observable).grows]
-    pairs = [(a, b) for a, b in itertools.combinations(scaled, 2) if (a.first, a.second) == (b.first, b.second)]
-    if not pairs:
-        return None
-    most = max(pairs, key=lambda pair: pair[0].unlike(pair[1]))
-    return most if 2 * norm.sf(most[0].unlike(most[1])) * len(pairs) < level else None
+
+    cause: str
+    first: Offset
+    second: Offset
+
+
+def unlike(found: Sequence[Offset], causes: Iterable[Term], level: float) -> Unlike | None:
+    """The factors of two sessions that differ most between two observables, if they do at some level.
+
+    Compared is what a cause multiplies by one factor for each session. The two factors are taken to be independent:
+    scatter that is common to both makes them differ less. As many of Student's degrees of freedom count as both have
+    conditions, and all comparisons that were made.
+    """
+    pairs = [
+        (chance, Unlike(cause.id, a, b))
+        for cause in causes
+        for a, b in itertools.combinations(found, 2)
+        if cause.latent and cause.reading and (a.first, a.second) == (b.first, b.second)
+        and {named(a.observable).name, named(b.observable).name} <= {*cause.reads}
+        for chance in [_by_chance(a, b)]
+    ]  # fmt: skip
+    least, most = min(pairs, key=lambda pair: pair[0], default=(1.0, None))
+    return most if least * len(pairs) < level else None
+
+
+def _by_chance(a: Offset, b: Offset) -> float:
+    """Chance that the same factor comes out as far apart as two have."""
+    variances = [(math.log(o.upper / o.lower) / (2.0 * norm.ppf(0.95))) ** 2 for o in (a, b)]
+    apart = abs(math.log(a.factor / b.factor)) / math.sqrt(sum(variances))
+    return float(2.0 * t.sf(apart, a.n_conditions + b.n_conditions))
 
 
 def offsets(candidate: Candidate) -> list[Offset]:
@@ -230,7 +252,7 @@ def offsets(candidate: Candidate) -> list[Offset]:
     for (a, b, of), pairs in found.items():
         ratio, weight = np.array([p[0] for p in pairs]), 1 / np.array([p[1] for p in pairs])
         mean, sd = float(np.average(ratio, weights=weight)), float(1 / np.sqrt(weight.sum()))
-        factor, low, high = np.exp([mean, mean - 1.645 * sd, mean + 1.645 * sd]).tolist()
+        factor, low, high = np.exp(mean + sd * norm.ppf([0.5, 0.05, 0.95])).tolist()
         name = recorded_name(OBSERVABLES[of])
         result.append(Offset(problem.sessions[a], problem.sessions[b], len(pairs), factor, low, high, name))
     return result

@@ -192,10 +192,13 @@ def meaning(name: str) -> str:
     return _KNOWN[name].description if name in _KNOWN else ""
 
 
-def redefined(ids: Iterable[str]) -> list[tuple[str, str, str]]:
-    """Parameters of the baseline that are something else with some causes: the cause, the parameter, what it is."""
-    chosen = {*ids}
-    return [(t.id, name, what) for t in TERMS if t.id in chosen for name, what in t.redefines]
+def redefined(ids: Iterable[str]) -> dict[str, dict[str, str]]:
+    """Parameters of the baseline that are something else with some causes: by parameter and cause, what it is."""
+    chosen, found = {*ids}, dict[str, dict[str, str]]()
+    for t in TERMS:
+        for name, what in t.redefines if t.id in chosen else ():
+            found.setdefault(name, {})[t.id] = what
+    return found
 
 
 def _refused(belief: Followed, reason: str) -> tuple[str, str]:

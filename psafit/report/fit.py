@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
+from psafit.diagnose.answer.findings import Redefined
 from psafit.inference.evidence import TRUSTED
 from psafit.inference.identify import one_sided
 from psafit.inference.run_folder import Run
@@ -20,7 +21,8 @@ from psafit.observables import LAUNCH_RANGE, named
 from psafit.physics import redefined
 from psafit.records import GroupScore, Numerics, ParameterSummary, SessionSummary, Validation
 from psafit.report import figures, fit_pictures
-from psafit.report.catalogue import TITLES, symbol
+from psafit.report.catalogue import TITLES
+from psafit.report.diagnosis.answer import PAGE
 from psafit.report.fit_pictures import Shown
 from psafit.report.page import render
 from psafit.report.wording import (
@@ -249,8 +251,8 @@ def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     if lagging := overdamped(run.problem, run.summary.parameters):
         text = re.sub(r"\b[a-z]_[a-z]\b", lambda found: symbol_html(found[0]), escape(typeset(lagging.text)))
         said.append(Markup("{}.").format(Markup(text[:1].upper() + text[1:])))
-    for cause, name, what in redefined(run.problem.ids):
-        said.append(Markup("With {}, {} is {}.").format(TITLES[cause], symbol(name), typeset(what)))
+    if other := redefined(run.problem.ids):
+        said.append(Markup(Redefined(other).say(PAGE)))
     return Markup(" ").join(said)
 
 

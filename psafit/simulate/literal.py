@@ -766,7 +766,7 @@ class _Drive:
                 self.switch(y)
                 if event == "end":
                     speed = float(y[_P])
-                    if speed > 0.0 and not self.held:
+                    if speed > 0.0:
                         launch = command.time, speed, float(y[_X1] - y[_D]) - rig.gap - self.rest
                         self.launched, self.work = True, float(y[_E])
                         self.peak_until_launch = self.peak
@@ -796,6 +796,8 @@ class _Drive:
         else:
             y[_D] = 0.0
         self.contact = not self.contact
+        if self.held:  # and not about as still as the integrator is exact
+            y[_P] = -self.damper * y[_D] / rig.M if self.contact else 0.0
         # The new phase has its own scales.
         size[_D], size[_W], size[_P] = abs(y[_D]), abs(y[_W]), abs(y[_P])
 

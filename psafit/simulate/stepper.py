@@ -423,7 +423,10 @@ def _is_noise(bern, n, theta, resolved):  # type: ignore[no-untyped-def]
 
 @compiled(inside=True)
 def _top(place, speed, push, h, end, ball, best, bern, stack):  # type: ignore[no-untyped-def]
-    """Highest place of the ball in a step up to its cut or the horizon, or `best` if that is higher."""
+    """Highest place, m, of the ball in a step of `h` s up to its part `end`, or `best` if that is higher.
+
+    It begins at a place with a speed, m/s; `push` are the forces on it at the nodes, N.
+    """
     bern[0] = place
     store(bern, 1, (times(TWICE_TO_BERNSTEIN, 0, push) * (h / ball) + load(EVENLY, 0) * speed) * h + place)
     return _highest(bern, DEGREE, end, best, stack)
@@ -938,20 +941,19 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, usual, 
             continue
 
         # Advance to the end of the step or to the cut.
-        whole, limit = cut > 1.0, waiting if regime == FREE else horizon
+        whole, part, limit = cut > 1.0, min(cut, 1.0), waiting if regime == FREE else horizon
         if forced and regime != FREE:
-            peak = _peak(F, kappa, min(cut, 1.0), peak, bern, stack)
+            peak = _peak(F, kappa, part, peak, bern, stack)
         if not separated_once:
-            end = min(cut, 1.0, (limit - t) / h)
-            highest = _top(x2 - rest, v2, push, h, end, ball, highest, bern, stack)
+            highest = _top(x2 - rest, v2, push, h, min(part, (limit - t) / h), ball, highest, bern, stack)
         watched = _watched(
-            trace, watched, t, t + min(cut, 1.0) * h, (x1, v1, x2, v2), acceleration, push, h, ball, (tip_rest, rest)
+            trace, watched, t, t + part * h, (x1, v1, x2, v2), acceleration, push, h, ball, (tip_rest, rest)
         )
         x1, v1, x2, v2, lost_v2, d, lost_d = _moved(
             x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, h, ball
         )
         xw, vw = _wall_moved(wall, back, acceleration, cut, at, h)
-        cut = min(cut, 1.0)
+        cut = part
         reference = max(reference, abs(v2)) if grows else reference
         w, t = v1 - v2, t + cut * h
         if t > limit:

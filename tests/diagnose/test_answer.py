@@ -125,10 +125,11 @@ def test_sessions_that_differ_by_what_is_read_point_to_two_instruments() -> None
         return [s.say(PLAIN) for s in of(found, GainsDiffer)]
 
     (text,) = said(ranges, speeds)
-    assert "From session mon to session tue the factors differ, launch ranges by 0.9 (0.88 to 0.92) and launch" in text
+    assert "From session mon to session tue the readings change by two factors, launch ranges by 0.9 (0.88" in text
+    assert "One reading_gain for both does not do that." in text
     assert not said(ranges, speeds, verdict="explained")
-    times = replace(speeds, observable="contact_time")
-    for other in (replace(speeds, factor=0.93, lower=0.9, upper=0.96), replace(speeds, second="wed"), times):
+    others = [replace(speeds, observable=name) for name in ("contact_time", "peak_force")]
+    for other in (replace(speeds, factor=0.93, lower=0.9, upper=0.96), replace(speeds, second="wed"), *others):
         assert not said(ranges, other), "chance, other sessions, or what no gain acts on"
     # A difference that one pair in 270 shows is none among 21.
     near = replace(speeds, factor=0.95, lower=0.93, upper=0.97)
@@ -151,6 +152,8 @@ def test_what_a_parameter_is_with_a_cause_is_said() -> None:
     (said,) = of(replace(record(), named=["hertz_exponent"]), Redefined)
     assert said.say(PLAIN) == "With hertz_exponent, k_c is the secant stiffness at 1 um of indentation."
     assert "is the secant stiffness at 1 µm" in said.say(PAGE)
+    (both,) = of(replace(record(), named=["hertz_exponent", "soft_layer"]), Redefined)
+    assert both.say(PLAIN).endswith("k_c only scales the law that these make together.")
 
 
 def test_a_named_set_is_held_to_what_is_asked_of_the_baseline() -> None:
@@ -385,8 +388,8 @@ def test_groups_that_are_predicted_worse_are_named() -> None:
     assert "What reading_gain does in a session that was not fitted is not known" in own
     said = Gained(gain, [1], []).say(PLAIN)
     assert said.endswith("Predicted worse than by the baseline: group 2 (0.900 to 0.200).")
-    held = Gained(replace(gain, coverage_after=0.42), [1], []).say(PLAIN)
-    assert "Its 90 % bands hold 42 % of these readings." in held
+    held = Gained(replace(gain, coverage_before=0.81, coverage_after=0.42), [1], []).say(PLAIN)
+    assert "The 90 % bands hold 81 % of these readings before, 42 % after." in held
 
 
 def test_how_often_chance_finds_as_much() -> None:

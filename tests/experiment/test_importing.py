@@ -351,7 +351,7 @@ def test_sweeps_that_have_become_one_group_are_asked_about(
     write(Path("b.csv"), Path("a.csv").read_text("utf-8"))
     assert run(monkeypatch, "import", "a.csv", "b.csv", "--waveform", "sine", "--out", "two") == 0
     out = capsys.readouterr().out
-    assert ("\ngroups 1, 2, in which frequency and amplitude vary: if" in out) is several
+    assert ("\ngroups 1 and 2, in which frequency and amplitude vary: if" in out) is several
     assert 'of one session write session = "NAME" in two' in out
 
 

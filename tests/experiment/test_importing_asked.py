@@ -401,7 +401,12 @@ def test_words_of_a_column_mean_other_waveforms(tmp_path: Path) -> None:
     offset = "f (Hz);Vpp;Range (um);Form;DC offset (V)\n1200;20;76;sine;5\n1300;20;75;Rechteck;5\n"
     rests = (("idle_v", (0.0,)),)
     asked = refused(tmp_path, offset, waveforms=(), meant=meant[:2], values=rests)
-    assert "; say --waveform Sinus=sine if that raises a sine, or say --column " in asked, asked
+    assert "; say --waveform sine=sine if that raises a sine, or say --column " in asked, asked
+    words = (meant[1], ("my burst", "unipolar_sine"))
+    asked = refused(tmp_path, offset.replace("sine", "my burst"), waveforms=(), meant=words, values=rests)
+    assert "; say --waveform 'my burst'=sine if that raises a sine, or say" in asked, "the row's own word"
+    asked = refused(tmp_path, offset.replace("sine", "unipolar sine"), waveforms=(), meant=meant[1:2], values=rests)
+    assert "; write sine if that raises a sine, or say" in asked, "no word with a meaning"
     # A name by itself is that of a file without such a column, as it stands.
     files = [tmp_path / name for name in ("column.csv", "bare.csv")]
     for file, text in zip(files, (content, bare), strict=True):

@@ -157,7 +157,7 @@ def test_the_declaration_can_be_printed(cause: Term) -> None:
 
 def test_only_parameters_of_the_baseline_are_redefined() -> None:
     (hertz,) = terms(["hertz_exponent"])
-    assert redefined(["gap", "hertz_exponent"]) == [("hertz_exponent", *pair) for pair in hertz.redefines]
+    assert redefined(["gap", "hertz_exponent"]) == {name: {"hertz_exponent": what} for name, what in hertz.redefines}
     wrong = contract.declaration(replace(hertz, redefines=(("hertz_n", "another"),)))
     assert not wrong.passed and "redefines hertz_n, which is none of k_c, c_s, c_c" in wrong.text
 

@@ -12,6 +12,8 @@ from psafit.experiment import Constants
 from psafit.physics import TERMS, baseline, terms
 from psafit.physics.term import Setup
 from psafit.simulate import Design, columns, path_of, simulate, stepper
+from psafit.simulate.batch import rig_of
+from psafit.simulate.closed_form import NO_SEPARATION
 from psafit.simulate.contract import Draw
 from psafit.simulate.literal import literal_launch
 from psafit.simulate.reference import Point
@@ -145,6 +147,24 @@ def test_steps_that_once_went_astray(case: Draw) -> None:
     right = case.reference()
     for tolerance in (1e-4, 1e-5, 3e-6, 1e-6, 1e-7):
         assert case.fast(tolerance)[0] == pytest.approx(right, rel=1e-5, abs=1e-13), tolerance
+
+
+NEVER_LAUNCHED = ("top within a step", "rising at the horizon", "held ball")
+
+
+@pytest.mark.parametrize("case", [ASTRAY[name] for name in NEVER_LAUNCHED], ids=NEVER_LAUNCHED)
+def test_the_highest_place_of_a_ball_that_is_never_launched(case: Draw) -> None:
+    assert case.fast(stepper.TOLERANCE)[0] == pytest.approx(case.reference(), rel=1e-9)
+    # It grows with the steps that are taken.
+    theta = np.array([[*case.theta, *itertools.chain(*case.values)]])
+    rig, design = rig_of(case.constants, theta, case.causes), Design.sweep(case.constants, *case.point)
+    places = []
+    for steps in (5, 50, 20_000):
+        how = stepper.StepSettings(most_steps=steps)
+        _, _, place, status, *_ = stepper.separation(design, rig, theta, stepper.Calls(), settings=how)
+        assert status[0, 0] == NO_SEPARATION
+        places.append(float(place[0, 0]))
+    assert 0.0 <= places[0] <= places[1] <= places[2] == pytest.approx(case.reference(), rel=1e-9)
 
 
 def test_error_falls_with_the_tolerance() -> None:

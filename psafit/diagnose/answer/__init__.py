@@ -39,6 +39,7 @@ from psafit.diagnose.answer.worth import CheckFirst, Drafted, Gained, LookAt, Ne
 from psafit.diagnose.gain import Gain
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import Diagnosis
+from psafit.diagnose.record.misfit import Tests
 from psafit.diagnose.record.models import NOT_EXCLUDED, NOT_PRESENT, UNSEEN, CauseResult, ParameterResult
 from psafit.diagnose.show import unlike
 from psafit.diagnose.words import NO_ACTION, PLAIN
@@ -47,7 +48,7 @@ from psafit.model_search.model_set import DECISIVE
 from psafit.model_search.visibility import VISIBLE
 from psafit.observables import OBSERVABLES
 from psafit.parameters import Belief, leading_belief
-from psafit.physics import owner, redefined
+from psafit.physics import TERMS, owner, redefined
 
 _TAILS = noise.PARAMETERS[-1]
 _WIDTHS = {parameter.name for o in OBSERVABLES for parameter in o.scatter[:2]}
@@ -75,8 +76,8 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
         found.append(Calibrated(d.calibration, d.explains, d.verdict, d.named))
     found += _without(d)
     found += _kinds(d)
-    if d.verdict == "unexplained" and (both := unlike(d.misfit.sessions, ALPHA)):
-        found.append(GainsDiffer(*both))
+    if d.verdict == "unexplained" and (both := unlike(d.misfit.sessions, TERMS, ALPHA)):
+        found.append(GainsDiffer(both))
     found += [*_values(d), *map(BreaksLaw, d.laws), *_too_weak(d), *_unseen(d), *_at_work(d, beliefs), *_robust(d)]
     if d.influence and (carried := [c for c in d.influence.causes if c.half]):
         found.append(LivesOn(carried, len(d.influence.tail)))
@@ -150,11 +151,14 @@ def _without(d: Diagnosis) -> Iterator[Statement]:
 
 def _kinds(d: Diagnosis) -> Iterator[Statement]:
     """What kind of thing is wrong with the baseline, and still is where nothing explains it."""
-    after = d.misfit.extended if d.verdict == "unexplained" else None
-    models: tuple[Literal["baseline", "best extension"], ...] = ("baseline", "best extension")
-    for model, tests in zip(models, (d.misfit.baseline, after), strict=True):
-        if tests and tests.p_value < ALPHA and tests.character != "none":
-            yield Kind(model, tests.character, tests.odd_groups, len(tests.odd_points), tests.statistics)
+
+    def kind(model: Literal["baseline", "best extension"], t: Tests) -> Iterator[Statement]:
+        if t.p_value < ALPHA and t.character != "none":
+            yield Kind(model, t.character, t.odd_groups, len(t.odd_points), t.statistics)
+
+    yield from kind("baseline", d.misfit.baseline)
+    if d.verdict == "unexplained" and d.misfit.extended:
+        yield from kind("best extension", d.misfit.extended)
 
 
 def _rivals(d: Diagnosis) -> Iterator[Rival]:

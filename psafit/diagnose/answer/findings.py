@@ -11,7 +11,7 @@ from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.misfit import ALPHA, Character, Statistic, described
 from psafit.diagnose.record.misfit import Condition, Reading
 from psafit.diagnose.record.models import Counted, ParameterResult, SessionResult, Without
-from psafit.diagnose.show import Offset
+from psafit.diagnose.show import Unlike
 from psafit.diagnose.trials import VerdictWord, Why
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
@@ -329,7 +329,7 @@ def _first(texts: list[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Kind(Statement):
-    """What kind of thing is wrong with the baseline, or with what is left of its best extension."""
+    """What kind of thing is wrong with the baseline, or with its best extension."""
 
     topic = "wrong"
     model: Literal["baseline", "best extension"]
@@ -373,17 +373,21 @@ class Sizes(Statement):
 
 @dataclass(frozen=True)
 class Redefined(Statement):
-    """What parameters of the baseline are with the causes that are reported: cause, parameter, what it is."""
+    """What parameters of the baseline are with the causes that are reported: by parameter and cause."""
 
-    topic = "wrong"
-    aside = True
-    values: list[tuple[str, str, str]]
+    topic = "besides"
+    values: dict[str, dict[str, str]]
 
     def say(self, words: Words) -> str:
         each = (
-            words.put("With {}, {} is {}.", words.cause(cause), words.parameter(name), words.number(what))
-            for cause, name, what in self.values
-        )
+            words.put(
+                "With {}, {} {}.", words.listed(map(words.cause, causes)), words.parameter(name),
+                words.number(f"is {next(iter(causes.values()))}")
+                if len(causes) == 1
+                else "only scales the law that these make together",
+            )
+            for name, causes in self.values.items()
+        )  # fmt: skip
         return words.joined(" ", each)
 
 
@@ -391,8 +395,7 @@ class Redefined(Statement):
 class BySession(Statement):
     """What each session has, by a cause that differs by session."""
 
-    topic = "wrong"
-    aside = True
+    topic = "besides"
     sessions: list[SessionResult]
 
     def say(self, words: Words) -> str:
@@ -431,8 +434,7 @@ def _against_prior(words: Words, name: str, p: ParameterResult) -> str:
 class Indistinct(Statement):
     """Tied sets whose best fits to these readings are the same: more of them would not decide."""
 
-    topic = "wrong"
-    aside = True
+    topic = "besides"
     nats: float
     others: int
 
@@ -450,18 +452,19 @@ class GainsDiffer(Statement):
     """Two sessions that differ by one factor in what one instrument reads, and by another in what another does."""
 
     topic = "wrong"
-    first: Offset
-    second: Offset
+    found: Unlike
 
     def say(self, words: Words) -> str:
+        f, pair = self.found, (self.found.first, self.found.second)
         each = (
             words.put("{} by {}", named(o.observable).titles, words.value("1", o.factor, (o.lower, o.upper)))
-            for o in (self.first, self.second)
+            for o in pair
         )
         return words.put(
-            "From session {} to session {} the factors differ, {}: no gain of a session does that. If two instruments"
-            " read them, give each instrument groups of its own (docs/questions.md, On what does reading_gain act?).",
-            self.first.first, self.first.second, words.listed(each),
+            "From session {} to session {} the readings change by two factors, {}. One {} for both does not do that."
+            " Two instruments do, each with a factor of its own (then give each groups of its own), or a lean or a"
+            " drive that differs.",
+            f.first.first, f.first.second, words.listed(each), words.cause(f.cause),
         )  # fmt: skip
 
 
@@ -469,8 +472,7 @@ class GainsDiffer(Statement):
 class Lagging(Statement):
     """A damping of the stack that is none; what may stand for it has no name here."""
 
-    topic = "wrong"
-    aside = True
+    topic = "besides"
     found: Overdamped
 
     def say(self, words: Words) -> str:
@@ -515,8 +517,7 @@ class Furthest(Statement):
     `tails` is the 90 % interval of Student's nu, where the readings ask for heavier tails than is usual.
     """
 
-    topic = "wrong"
-    aside = True
+    topic = "besides"
     causes: list[str]
     readings: list[Reading]
     odd: int
@@ -549,8 +550,7 @@ class Furthest(Statement):
 class Unseen(Statement):
     """Causes of which even a plausible strength would not show, and those that act on nothing that was read."""
 
-    topic = "wrong"
-    aside = True
+    topic = "besides"
     causes: list[str]
     idle: list[str]
     of: int
@@ -571,8 +571,7 @@ class Unseen(Statement):
 class TooWeak(Statement):
     """What may be at work as well, by too little to show, and what it would change of the values."""
 
-    topic = "wrong"
-    aside = True
+    topic = "besides"
     adopted: list[str]
     counted: Counted
     values: dict[str, ParameterResult]
@@ -628,8 +627,7 @@ class AtWork(Statement):
     at most.
     """
 
-    topic = "wrong"
-    aside = True
+    topic = "besides"
     causes: list[tuple[str, str, float, float | None]]
     named: list[str]
     groups: list[GroupId]
@@ -657,8 +655,7 @@ class AtWork(Statement):
 class Against(Statement):
     """Causes that are likely before any reading and are not after them; with both probabilities."""
 
-    topic = "wrong"
-    aside = True
+    topic = "besides"
     causes: list[tuple[str, str, float, float]]
     named: list[str]
     groups: list[GroupId]
@@ -689,8 +686,7 @@ class Room(Statement):
     could do in the cause's place. Less than `least` is not worth a number, more names than `few` are not listed.
     """
 
-    topic = "wrong"
-    aside = True
+    topic = "besides"
     adopted: list[str]
     cause: str
     share: float

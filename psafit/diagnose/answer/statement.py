@@ -7,16 +7,15 @@ from typing import ClassVar, Literal
 
 from psafit.diagnose.words import Words
 
-Topic = Literal["scope", "adequate", "wrong", "detail", "trust", "gained", "next", "searched"]
-"""Part of the answer to which a statement belongs."""
+Topic = Literal["scope", "adequate", "wrong", "besides", "detail", "trust", "gained", "next", "searched"]
+"""Part of the answer to which a statement belongs; a short answer does without what stands besides."""
 
 
 @dataclass(frozen=True)
 class Statement:
-    """One thing that a diagnosis says; `aside` where a short answer does without it."""
+    """One thing that a diagnosis says."""
 
     topic: ClassVar[Topic]
-    aside: ClassVar[bool] = False
 
     def say(self, words: Words) -> str:
         """The sentence, in the words of a page or of a terminal."""

@@ -47,10 +47,11 @@ class Gained(Statement):
         text = words.put(
             "Gain on unseen data ({}; causes and parameters chosen on {}): the typical error goes from a factor of {}"
             " to {} (mean log_rmse {} before, {} after; change {} to {}, 90 %)."
-            " Its 90 % bands hold {} of these readings.",
+            " The 90 % bands hold {} of these readings before, {} after.",
             g.protocol, seen, *(f"{math.exp(min(x, 99.0)):.3g}" for x in (g.log_rmse_before, g.log_rmse_after)),
             f"{g.log_rmse_before:.3f}", f"{g.log_rmse_after:.3f}",
-            *(words.number(fixed(x, 3, sign=True)) for x in g.log_rmse_interval), words.per_cent(g.coverage_after),
+            *(words.number(fixed(x, 3, sign=True)) for x in g.log_rmse_interval),
+            *map(words.per_cent, (g.coverage_before, g.coverage_after)),
         )  # fmt: skip
         if self.by_session:
             own = "{} What {} does in a session that was not fitted is not known: the band of such a session is wider."
@@ -125,10 +126,6 @@ class Next(Statement):
 
     def say(self, words: Words) -> str:
         first, equal = self.found.proposals[0], self.found.as_good
-        if not self.found.recommended and first.separation <= 2.0 * first.error:
-            about = self.found.purpose.say(words) if self.found.purpose else self.found.about
-            tried = "None of the measurements that were tried, within the ranges measured or those of [limits], {}."
-            return words.put(tried, about)
         how = "No measurement within the ranges measured, or those of [limits], would show much: {}, {}"
         if self.found.recommended:
             how = "Next, measure {}: it {}" if equal else "Next, measure {}: it best {}"

@@ -112,11 +112,10 @@ PAGE = PageWords()
 
 @dataclass(frozen=True)
 class Paragraph:
-    """An answer: a paragraph, what is listed below it, and what stands below the short answers."""
+    """An answer: a paragraph, and what is listed below it."""
 
     text: Markup
     points: tuple[Markup, ...] = ()
-    aside: tuple[Markup, ...] = ()
 
 
 def first_screen(result: Diagnosis, beliefs: Sequence[Belief] = (), together: int = 2) -> list[Paragraph]:
@@ -133,11 +132,16 @@ def first_screen(result: Diagnosis, beliefs: Sequence[Belief] = (), together: in
         if statements := found.get(topic):
             head = Markup("<strong>{}</strong> ").format(question) if question else Markup("")
             judged = [Markup(_JUDGED[s.adequate]) for s in statements if isinstance(s, Judged)]
-            said = [_said(s) for s in statements if not s.aside]
+            said = [_said(s) for s in statements]
             first, points = Markup(" ").join([*judged, *said[:together]]), tuple(said[together:])
             link = Markup(" <a href='#next'>More</a>") if topic == "next" else ""
-            paragraphs.append(Paragraph(head + first + link, points, tuple(_said(s) for s in statements if s.aside)))
+            paragraphs.append(Paragraph(head + first + link, points))
     return paragraphs
+
+
+def besides(result: Diagnosis, beliefs: Sequence[Belief] = ()) -> list[Markup]:
+    """What the readings say besides, a sentence each."""
+    return [_said(statement) for statement in answer(result, beliefs) if statement.topic == "besides"]
 
 
 def _said(statement: Statement) -> Markup:

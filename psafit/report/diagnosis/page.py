@@ -50,6 +50,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "title": f"Diagnosis: {result.title}",
         "verdict": {"text": result.verdict, "kind": answer.kind(result)},
         "sentences": answer.first_screen(result, experiment.beliefs),
+        "besides": answer.besides(result, experiment.beliefs),
         "own_sentences": result.sentences,
         "searched": Searched(result.looked_at, result.settings.search.missed).say(PLAIN),
         "no_alternative": causes.no_alternative(result),

@@ -51,8 +51,8 @@ def content(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any]:
     }
 
 
-def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
-    """What the tests of one model found, `most` of them, the most striking first."""
+def tests(tests: Tests, most: int = 10, small: float = 0.05) -> dict[str, Any]:
+    """What the tests of one model found, `most` of them, the most striking first; how often a p value is `small`."""
     odd = [Markup("reading {} of group {}").format(k + 1, g) for g, k in tests.odd_points]
     return {
         "p": words.p_text(tests.p_value, tests.floor),
@@ -66,7 +66,8 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
         "odd_groups": words.group_ids(tests.odd_groups) if tests.odd_groups else None,
         "odd_points": listed(odd) if odd else None,
         "n_statistics": len(tests.statistics),
-        "expected": significant(0.05 * len(tests.statistics), 1),
+        "small": f"{small:g}",
+        "expected": significant(small * len(tests.statistics), 1),
         "rows": [
             [
                 s.name,
