@@ -22,9 +22,9 @@ from psafit.physics import redefined
 from psafit.records import GroupScore, Numerics, ParameterSummary, SessionSummary, Validation
 from psafit.report import figures, fit_pictures
 from psafit.report.catalogue import TITLES
-from psafit.report.diagnosis.answer import PAGE
 from psafit.report.fit_pictures import Shown
 from psafit.report.page import render
+from psafit.report.page_words import PAGE
 from psafit.report.wording import (
     NBSP,
     compared,

@@ -38,7 +38,8 @@ from psafit.diagnose.words import PLAIN
 from psafit.model_search.model_set import LookedAt
 from psafit.records import Broken, Overdamped
 from psafit.report.diagnosis import remaining
-from psafit.report.diagnosis.answer import PAGE, kind
+from psafit.report.diagnosis.answer import kind
+from psafit.report.page_words import PAGE
 
 GAP = ParameterResult(1e-7, None, None, "m", "what it means", 0.5)
 

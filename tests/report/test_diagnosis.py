@@ -32,7 +32,8 @@ from psafit.parameters import Belief, LogNormal, Normal, Tailed
 from psafit.records import Broken, plain, read_json, write_json
 from psafit.report.catalogue import model
 from psafit.report.diagnosis import causes, gain, misfit, next_experiment
-from psafit.report.diagnosis.answer import PAGE, kind
+from psafit.report.diagnosis.answer import kind
+from psafit.report.page_words import PAGE
 
 pytestmark = pytest.mark.usefixtures("undrawn")  # the page that most tests read is drawn nevertheless
 

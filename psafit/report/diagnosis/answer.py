@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,26 +13,14 @@ from psafit.diagnose.answer import answer, kept
 from psafit.diagnose.answer.findings import Judged
 from psafit.diagnose.answer.statement import Statement, Topic
 from psafit.diagnose.record import Diagnosis
-from psafit.diagnose.words import Words
-from psafit.experiment import GroupId
 from psafit.parameters import Belief
 from psafit.records import Objection
-from psafit.report.catalogue import TITLES, model, symbol
 from psafit.report.diagnosis import words
 from psafit.report.diagnosis.shown import Shown
+from psafit.report.page_words import PAGE
 from psafit.report.wording import (
-    NBSP,
     factor,
-    groups,
-    interval,
-    listed,
-    number,
     p_value,
-    percent,
-    prefixed,
-    span,
-    typeset,
-    with_unit,
 )
 from psafit.text import count
 
@@ -60,54 +48,6 @@ _JUDGED: Final = {
     "tails": "Not without heavy tails.",
     "improbable": "Improbable.",
 }
-
-
-class PageWords(Words):
-    """Causes by their titles, parameters by their symbols, numbers as typeset."""
-
-    def put(self, template: str, *parts: object) -> Markup:
-        return Markup(template).format(*parts)
-
-    def causes(self, ids: Sequence[str]) -> str:
-        return model(ids)
-
-    def cause(self, id: str) -> str:
-        return TITLES.get(id, id)
-
-    def parameter(self, name: str) -> str:
-        return symbol(name)
-
-    def groups(self, ids: Sequence[GroupId]) -> str:
-        return groups(ids)
-
-    def listed(self, items: Iterable[object]) -> str:
-        return listed(items)
-
-    def joined(self, by: str, items: Iterable[object]) -> str:
-        return Markup(by).join(items)  # type: ignore[arg-type]
-
-    def number(self, text: str) -> str:
-        return typeset(text.replace("+-", "±").replace("<=", "≤").replace(" %", f"{NBSP}%").replace(" V", f"{NBSP}V"))
-
-    def per_cent(self, fraction: float) -> str:
-        return percent(fraction)
-
-    def size(self, name: str, unit: str, median: float, ends: tuple[float, float] | None) -> str:
-        return Markup("{} = {}").format(symbol(name), self.value(unit, median, ends))
-
-    def value(self, unit: str, median: float, ends: tuple[float, float] | None) -> str:
-        unit, (median, *both) = prefixed(unit, median, *(ends or ()))
-        spread = (both[1] - both[0]) / 2 if both else 0.0
-        error_text = interval(both[0], both[1], spread) if spread > 0 else ""
-        error_text = f"({error_text})" if error_text and not error_text.startswith("(") else error_text
-        middle = with_unit(number(median, spread if spread > 0 else None), unit)
-        return Markup("{} {}").format(middle, error_text).strip()
-
-    def span(self, unit: str, ends: tuple[float, float]) -> str:
-        return span(ends, unit)
-
-
-PAGE = PageWords()
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from psafit.experiment import CONSTANT_UNITS
 from psafit.observables import OBSERVABLES
 from psafit.report.catalogue import cause, model
 from psafit.report.diagnosis import words
-from psafit.report.diagnosis.answer import PAGE
+from psafit.report.page_words import PAGE
 from psafit.report.wording import NBSP, listed, number, percent, span, symbol_html, with_unit
 from psafit.text import count
 
