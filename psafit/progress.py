@@ -36,6 +36,7 @@ TITLES = {
     "causes": "search the causes",
     "tests": "test the baseline and its best extension",
     "next experiment": "look for the best next measurement",
+    "other causes": "see what the other causes could still do",
     "isolability": "compare what causes would do",
     "significance": "repeat the search where nothing is hidden",
     "calibration": "diagnose data sets drawn from the answer",

@@ -181,6 +181,7 @@ def _plan(
     """
     one = DIAGNOSIS
     found = {"causes": one["search"] / min(jobs, 2), "tests": one["tests"], "next experiment": one["proposals"]}
+    found["other causes"] = one["others"]
     protocols = {} if quick else gains.protocols(experiment, training)
     parts = sum(map(len, protocols.values()))
     if parts:
@@ -250,6 +251,8 @@ class Work:
         if repeats or (verdict.named and self.catalogue):
             misfit = replace(misfit, search=self._significance(model_set, repeats))
         causes = results.causes_of(model_set, verdict)
+        with self._stage("other causes"):
+            screening = self._screened(model_set, verdict)
         if nautilus:
             decisive = [set(ids) for ids in ((), verdict.named, best_model.ids, *verdict.alternatives)]
             with self._stage("nautilus"):
@@ -275,7 +278,7 @@ class Work:
             looks=looks(causes, verdict, self.catalogue),
             sentences=[],
             unnamed=verdict.unnamed,
-            screening=self._screened(model_set, verdict),
+            screening=screening,
             show=results.shown(model_set),
             extension=extension,
             ledger=ledger,
