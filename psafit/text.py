@@ -103,6 +103,12 @@ def set_name(ids: Iterable[str], none: str = "the baseline") -> str:
     return " + ".join(ids) or none
 
 
+def series(items: Iterable[object]) -> str:
+    """Some things in a sentence: ``a, b and c``."""
+    shown = [str(item) for item in items]
+    return " and ".join([", ".join(shown[:-1]), shown[-1]] if len(shown) > 1 else shown)
+
+
 def count(n: int, noun: str) -> str:
     """A number of things: ``1 reading``, ``2 readings``."""
     return f"{n} {noun}{'' if n == 1 else 's'}"

@@ -7,7 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -286,10 +286,27 @@ def test_every_declared_library_is_explained() -> None:
 )
 def test_what_starts_often_starts_light(module: str, left_out: tuple[str, ...]) -> None:
     """`psafit --help` and a search's processes: what takes seconds to load is loaded by what needs it."""
-    code = f"import sys, {module}; print(*[m for m in {left_out} if m in sys.modules])"
+    assert loaded(f"import {module}", left_out) == []
+
+
+def test_an_import_stays_light(tmp_path: Path) -> None:
+    """What reads tables and prints what it understood needs neither the simulator nor a fit."""
+    files = [tmp_path / name for name in ("a.csv", "b.csv")]
+    for file in files:
+        file.write_text("f (Hz);Vp;Range (um)\n1000;20;76\n1500;10;70\n", encoding="utf-8")
+    words = ["import", *map(str, files), "--waveform", "sine", "--out", str(tmp_path / "rig")]
+    needed = {"scipy", "pint", "clevercsv"}
+    done = f"from psafit.cli import commands; commands.main({words}, standalone_mode=False)"
+    assert loaded(done, [name for name in HEAVY if name not in needed]) == []
+    assert (tmp_path / "rig").is_dir()
+
+
+def loaded(code: str, libraries: Sequence[str]) -> list[str]:
+    """Libraries that some code has loaded in a process of its own."""
+    code += f"; import sys; print('loaded:', *[name for name in {libraries} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == []
+    return done.stdout.rpartition("loaded:")[2].split()
 
 
 def text_files() -> list[Path]:

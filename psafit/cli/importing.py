@@ -16,7 +16,7 @@ import click
 from psafit.cli.common import DONE, JSON, QUIET, Command, Place, escaped, shown_path, warn, write_result
 from psafit.drives import NAMES, from_zero
 from psafit.errors import InputError
-from psafit.text import count
+from psafit.text import count, series
 
 if TYPE_CHECKING:
     from psafit.experiment.importing import Imported, Mapping, Table
@@ -313,13 +313,13 @@ def _columns_text(table: Table) -> list[str]:
 
 def _next(imported: Imported, out: Path) -> None:
     """What to do with the folder."""
-    from psafit.diagnose.words import PLAIN
     from psafit.experiment import DEFINITION
 
     place, groups = shlex.quote(shown_path(out)), [g for t in imported.tables for g in t.groups]
     click.echo(f"wrote {shown_path(out / DEFINITION)} and {count(len(groups), 'group')}")
     if varied := [g.id for g in groups if len({*g.frequency_hz}) > 1 and len({*g.amplitude_v}) > 1]:
-        which = "one group" if len(groups) == 1 else PLAIN.groups(varied)
+        named = f"group{'' if len(varied) == 1 else 's'} {series(varied)}"
+        which = "one group" if len(groups) == 1 else named
         click.echo(
             f"{which}, in which frequency and amplitude vary: if these are several sweeps, or of several sessions, give"
             " each its own file, or a label in a column that --column LABEL=group names; a fit to one group is judged"

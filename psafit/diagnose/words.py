@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from psafit.experiment import GroupId
-from psafit.text import fixed, percent, set_name, significant
+from psafit.text import fixed, percent, series, set_name, significant
 
 NO_ACTION: Final = "does not act on what was read"
 """What is said of a cause that acts on no drive of the readings, or changes only what was not read."""
@@ -37,8 +37,7 @@ class Words:
 
     def listed(self, items: Iterable[object]) -> str:
         """Return ``a, b and c``."""
-        shown = [str(item) for item in items]
-        return " and ".join([", ".join(shown[:-1]), shown[-1]] if len(shown) > 1 else shown)
+        return series(items)
 
     def joined(self, by: str, items: Iterable[object]) -> str:
         """Return items with a separator between them."""
