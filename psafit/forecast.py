@@ -41,12 +41,12 @@ DIAGNOSIS = {
 Tests, proposals and what other causes could do: geometric means of three quick diagnoses of one cause, 58 to 77 sets,
 in seconds (56, 3.0, 6.0, 11.5; 52, 1.4, 3.9, 5.9; 24, 1.8, 2.9, 5.8; 30 November 2026). The longer the search, the less
 they matter.
+
 The rest is from two diagnoses next to other work on two cores. A rig of three groups with nothing hidden and four
 causes, one process: 102 a search, again from its parts 88, tests 10, proposals 2, nested gain 16. One with a cause
 hidden and two causes: 61 a search, again 0.4, tests 6, a sampler 63 and 30. `null`, a search where nothing is hidden,
 is half of one that finds a cause in the campaigns of docs/challenge.md; `nautilus` is a guess. (Measured with the
-search of version 0.1.0.) The searches are measured within
-the run before any of this is used.
+search of version 0.1.0.) The searches are measured within the run before any of this is used.
 """
 OPEN = ("sample", "adopted extension", "strict extension")
 """Parts that end by a rule of their own: what a chain takes is known from below, as its autocorrelation time is."""

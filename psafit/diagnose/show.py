@@ -201,31 +201,33 @@ class Unlike:
     first: Offset
     second: Offset
 
+    @property
+    def chance(self) -> float:
+        """Chance that one factor comes out as two that are so far apart, taken to be independent.
+
+        Scatter that is common to both makes them differ less. Student's law with as many degrees of freedom as both
+        have conditions.
+        """
+        both = (self.first, self.second)
+        variances = [(math.log(o.upper / o.lower) / (2.0 * norm.ppf(0.95))) ** 2 for o in both]
+        apart = abs(math.log(self.first.factor / self.second.factor)) / math.sqrt(sum(variances))
+        return float(2.0 * t.sf(apart, sum(o.n_conditions for o in both)))
+
 
 def unlike(found: Sequence[Offset], causes: Iterable[Term], level: float) -> Unlike | None:
     """The factors of two sessions that differ most between two observables, if they do at some level.
 
-    Compared is what a cause multiplies by one factor for each session. The two factors are taken to be independent:
-    scatter that is common to both makes them differ less. As many of Student's degrees of freedom count as both have
-    conditions, and all comparisons that were made.
+    Compared is what a cause multiplies by one factor for each session; all comparisons that were made are counted.
     """
     pairs = [
-        (chance, Unlike(cause.id, a, b))
+        Unlike(cause.id, a, b)
         for cause in causes
         for a, b in itertools.combinations(found, 2)
         if cause.latent and cause.reading and (a.first, a.second) == (b.first, b.second)
         and {named(a.observable).name, named(b.observable).name} <= {*cause.reads}
-        for chance in [_by_chance(a, b)]
     ]  # fmt: skip
-    least, most = min(pairs, key=lambda pair: pair[0], default=(1.0, None))
-    return most if least * len(pairs) < level else None
-
-
-def _by_chance(a: Offset, b: Offset) -> float:
-    """Chance that the same factor comes out as far apart as two have."""
-    variances = [(math.log(o.upper / o.lower) / (2.0 * norm.ppf(0.95))) ** 2 for o in (a, b)]
-    apart = abs(math.log(a.factor / b.factor)) / math.sqrt(sum(variances))
-    return float(2.0 * t.sf(apart, a.n_conditions + b.n_conditions))
+    most = min(pairs, key=lambda pair: pair.chance, default=None)
+    return most if most and most.chance * len(pairs) < level else None
 
 
 def offsets(candidate: Candidate) -> list[Offset]:

@@ -796,7 +796,7 @@ class _Drive:
         else:
             y[_D] = 0.0
         self.contact = not self.contact
-        if self.held:  # and not about as still as the integrator is exact
+        if self.held:  # it stands still, and not as nearly as the integrator is exact
             y[_P] = -self.damper * y[_D] / rig.M if self.contact else 0.0
         # The new phase has its own scales.
         size[_D], size[_W], size[_P] = abs(y[_D]), abs(y[_W]), abs(y[_P])

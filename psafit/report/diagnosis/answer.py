@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from markupsafe import Markup, escape
@@ -58,16 +58,26 @@ class Paragraph:
     points: tuple[Markup, ...] = ()
 
 
-def first_screen(result: Diagnosis, beliefs: Sequence[Belief] = (), together: int = 2) -> list[Paragraph]:
-    """The answer, a paragraph a question; sentences beyond so many `together` are listed below it."""
-    found: dict[str, list[Statement]] = {}
+def content(result: Diagnosis, beliefs: Sequence[Belief], shown: Sequence[Shown]) -> dict[str, Any]:
+    """The verdict, the short answer, what the readings say besides, and the key numbers."""
+    found: dict[Topic, list[Statement]] = {}
     for statement in answer(result, beliefs):
         found.setdefault(statement.topic, []).append(statement)
+    return {
+        "verdict": {"text": result.verdict, "kind": kind(result)},
+        "sentences": paragraphs(result, found),
+        "besides": [_said(statement) for statement in found.get("besides", ())],
+        "tiles": tiles(result, shown),
+    }
+
+
+def paragraphs(result: Diagnosis, found: Mapping[Topic, list[Statement]], together: int = 2) -> list[Paragraph]:
+    """The short answer, a paragraph a question; sentences beyond so many `together` are listed below it."""
     readings = sum(len(model.predicted) for name, model in result.show.items() if name == "baseline")
     examined = Markup("<strong>Examined:</strong> {} of {}, against the baseline and {}.").format(
         count(readings, "reading"), words.group_ids(result.groups), count(len(result.screening), "candidate cause")
     )
-    paragraphs = [Paragraph(examined)]
+    answers = [Paragraph(examined)]
     for topic, question in _QUESTIONS.items():
         if statements := found.get(topic):
             head = Markup("<strong>{}</strong> ").format(question) if question else Markup("")
@@ -75,13 +85,8 @@ def first_screen(result: Diagnosis, beliefs: Sequence[Belief] = (), together: in
             said = [_said(s) for s in statements]
             first, points = Markup(" ").join([*judged, *said[:together]]), tuple(said[together:])
             link = Markup(" <a href='#next'>More</a>") if topic == "next" else ""
-            paragraphs.append(Paragraph(head + first + link, points))
-    return paragraphs
-
-
-def besides(result: Diagnosis, beliefs: Sequence[Belief] = ()) -> list[Markup]:
-    """What the readings say besides, a sentence each."""
-    return [_said(statement) for statement in answer(result, beliefs) if statement.topic == "besides"]
+            answers.append(Paragraph(head + first + link, points))
+    return answers
 
 
 def _said(statement: Statement) -> Markup:

@@ -48,13 +48,10 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     pictured = [shown[i] for i in worst([max(g.errors, default=0.0) for g in shown])]
     content = {
         "title": f"Diagnosis: {result.title}",
-        "verdict": {"text": result.verdict, "kind": answer.kind(result)},
-        "sentences": answer.first_screen(result, experiment.beliefs),
-        "besides": answer.besides(result, experiment.beliefs),
+        **answer.content(result, experiment.beliefs, shown),
         "own_sentences": result.sentences,
         "searched": Searched(result.looked_at, result.settings.search.missed).say(PLAIN),
         "no_alternative": causes.no_alternative(result),
-        "tiles": answer.tiles(result, shown),
         "extended": "extended" in result.show,
         "mostly_unnamed": result.mostly_unnamed,
         "quick": result.quick,
