@@ -233,7 +233,7 @@ def _by_session(sessions: Sequence[SessionSummary]) -> Iterator[tuple[str, list[
 
 def _say_fit(result: Run, numerics: Numerics) -> None:
     """Say what a fit found, and whether it converged."""
-    from psafit.diagnose.answer.findings import Redefined
+    from psafit.diagnose.answer.besides import Redefined
     from psafit.diagnose.words import PLAIN
     from psafit.inference.identify import not_expected, profiled
     from psafit.inference.samplers import sampler

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from psafit.diagnose.answer.findings import Redefined
+from psafit.diagnose.answer.besides import Redefined
 from psafit.inference.evidence import TRUSTED
 from psafit.inference.identify import one_sided
 from psafit.inference.run_folder import Run

@@ -10,23 +10,8 @@ import pytest
 from diagnoses_by_hand import make_experiment, make_record
 
 from psafit.diagnose.answer import answer, sentences
-from psafit.diagnose.answer.findings import (
-    BySession,
-    Furthest,
-    GainsDiffer,
-    Implausible,
-    Indistinct,
-    Judged,
-    Kind,
-    Lagging,
-    Named,
-    Redefined,
-    Replaced,
-    Rival,
-    Room,
-    Sizes,
-    TooWeak,
-)
+from psafit.diagnose.answer.besides import BySession, Furthest, Indistinct, Lagging, Redefined, Room, TooWeak
+from psafit.diagnose.answer.findings import GainsDiffer, Implausible, Judged, Kind, Named, Replaced, Rival, Sizes
 from psafit.diagnose.answer.grounds import ByChance, OneGroup, Searched
 from psafit.diagnose.answer.worth import Gained
 from psafit.diagnose.misfit import Coincidence

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from truths import CHEAP, FEW, experiment, narrow, problem
 
-from psafit.diagnose.answer.findings import Furthest
+from psafit.diagnose.answer.besides import Furthest
 from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.record.models import NEAREST, NEXT_BEST, NOT_EXCLUDED, UNSEEN

@@ -14,7 +14,7 @@ from diagnoses_by_hand import CONSTANTS, build, growth, make_experiment, make_re
 from reader import HOSTILE, Reader
 
 from psafit.diagnose.answer import answer as answer_of
-from psafit.diagnose.answer.findings import Against, AtWork
+from psafit.diagnose.answer.besides import Against, AtWork
 from psafit.diagnose.answer.worth import Next
 from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.explanations import Explanation

@@ -9,29 +9,31 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
-from psafit.diagnose.answer.findings import (
-    WORTH_SAYING,
+from psafit.diagnose.answer.besides import (
     Against,
     AtWork,
-    BreaksLaw,
     BySession,
     Furthest,
+    Indistinct,
+    Lagging,
+    Redefined,
+    Room,
+    TooWeak,
+    Unseen,
+)
+from psafit.diagnose.answer.findings import (
+    WORTH_SAYING,
+    BreaksLaw,
     GainsDiffer,
     Implausible,
-    Indistinct,
     Judged,
     Kind,
-    Lagging,
     Named,
     NothingShows,
-    Redefined,
     Replaced,
     Restricted,
     Rival,
-    Room,
     Sizes,
-    TooWeak,
-    Unseen,
 )
 from psafit.diagnose.answer.grounds import ByChance, Calibrated, LivesOn, OneGroup, Searched, SmoothIsBetter
 from psafit.diagnose.answer.statement import Statement

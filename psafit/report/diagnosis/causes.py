@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from psafit.compare import known
-from psafit.diagnose.answer.findings import fit_command
+from psafit.diagnose.answer.besides import fit_command
 from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.influence import Influence
 from psafit.diagnose.record import Diagnosis
