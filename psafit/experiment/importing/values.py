@@ -139,9 +139,10 @@ def _at_rest(grid: Grid, row: Row, drive: Drive, chosen: Chosen, settings: dict[
         other = next((shape for shape in WAVEFORMS if from_zero(shape) == form.id), "")
         what = f"{form.id} goes from 0 V by itself, and column {offset.name} adds {drive.bias_v:g} V"
         cell = "".join(text_of(_cell(row, column)) for column in chosen.of(WAVEFORM))
-        say = "write " if cell and _meant(cell, options) == cell else "say --waveform "
-        mapped = f"{shlex.quote(cell)}=" if cell and say != "write " else ""
-        raised = f"{say}{mapped}{other} if that raises a {other}, or " if other else ""
+        say = "write " if cell else "say --waveform "
+        if cell and _meant(cell, options) != cell:
+            say = f"say --waveform {shlex.quote(cell)}="
+        raised = f"{say}{other} if that raises a {other}, or " if other else ""
         once, both = option(offset.option, IGNORED), option(offset.option, BIAS)
         remedy = f"{raised}say {once} if it is counted twice, or {both} if both hold"
         raise InputError(what, remedy, file=grid.file, line=row.line)
