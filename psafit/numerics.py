@@ -78,7 +78,7 @@ def refine(
         The fixed step that many would take, a round microsecond as in the study.
     """
     experiment, terms = problem.experiment, problem.terms
-    theta = problem.theta(u, experiment.sessions)
+    theta = problem.theta(u, experiment.occasions)
     design = problem.design_of(experiment.ids)
     found = simulate(design, theta, terms)
     exact = found.engine == "closed form"
@@ -95,7 +95,7 @@ def refine(
     reached = refinement[-1].worst if exact else used
     allowed = max(required, of_scatter * float(noise.columns(problem.noise_values(u[:1]))[0].min()))
 
-    rigs = [rig_of(c, theta[:1], terms, design.n_sessions) for c in design.rigs]
+    rigs = [rig_of(c, theta[:1], terms, design.counts) for c in design.rigs]
     eigenvalues = np.concatenate([np.linalg.eigvals(contact_matrix_of(rig)) for rig in rigs]).astype(complex)
     step = largest_stable_step(eigenvalues)
     growth = float(rk4_growth(eigenvalues, common_step).max())

@@ -336,6 +336,8 @@ class SessionSummary:
     median, lower, upper : float
     session : int or str, optional
         Its name, where it has one.
+    instrument : str, optional
+        Of what one instrument has in a session, its name.
     """
 
     cause: str
@@ -346,16 +348,18 @@ class SessionSummary:
     lower: float
     upper: float
     session: GroupId | None = field(default=None, metadata=ABSENT)
+    instrument: str | None = field(default=None, metadata=ABSENT)
 
     @property
     def where(self) -> str:
         """The session, as people know it."""
-        return occasion(self.group, self.session)
+        return occasion(self.group, self.session, self.instrument)
 
 
-def occasion(group: GroupId, session: GroupId | None) -> str:
-    """A session as people know it: by its name, or its only group."""
-    return f"group {group}" if session is None else f"session {session}"
+def occasion(group: GroupId, session: GroupId | None, instrument: str | None = None) -> str:
+    """A session as people know it: by its name, or its only group; and an instrument in it."""
+    when = f"group {group}" if session is None else f"session {session}"
+    return when if instrument is None else f"{when} ({instrument})"
 
 
 @dataclass(frozen=True, repr=False)

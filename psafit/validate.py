@@ -19,7 +19,7 @@ import csv
 import io
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -29,7 +29,7 @@ from scipy.special import logsumexp, ndtri
 from scipy.stats import binomtest
 
 from psafit.arrays import FloatArray
-from psafit.experiment import Group, GroupId, Plan, known_sessions
+from psafit.experiment import Group, GroupId, Occasions, Plan, known_sessions
 from psafit.files import write_atomically
 from psafit.inference import noise
 from psafit.inference.candidate import candidate_at
@@ -281,9 +281,9 @@ def intervals(run: Run, plan: Plan, *, n_draws: int = 1000) -> FloatArray:
     draws, ends = some_draws(run, n_draws), []
     measured = known_sessions(plan.groups, problem.experiment.select(problem.group_ids))
     for group in plan.groups:
-        session = group.session_id if group.session_id in measured else "a session to come"
         design = Design.of(plan.constants, [group])
-        exact = readings_of(design, problem.theta(draws, [session], rng), problem.terms)
+        own = group if group.session_id in measured else replace(group, session="a session to come")
+        exact = readings_of(design, problem.theta(draws, Occasions.of([own]), rng), problem.terms)
         kinds = np.unique(group.measured).tolist()
         scatter = noise.by_reading({k: problem.scatter_to_come(draws, k) for k in kinds}, design)
         usual = {k: problem.sigma_to_come(k) or 0.0 for k in kinds}  # where none is usual, none is stated

@@ -120,7 +120,7 @@ def test_the_reference_reads_sessions_as_the_simulator_does(ids: tuple[str, ...]
     )  # fmt: skip
     groups = [Conditions(1, "sine", "1.csv", f, v, session="day"), Conditions(2, "square", "2.csv", f, v), trace]
     design, chosen, sessions = Design.of(RIG, groups), terms(ids), sessions_of(groups)
-    assert design.n_sessions == 2 and design.session.tolist() == [0] * 3 + [1] * 3 + [0] * 3
+    assert design.counts == (2, 2) and design.session.tolist() == [0] * 3 + [1] * 3 + [0] * 3
     own: dict[str, tuple[float, ...]] = {"reading_gain": (0.2,), "session_lean": (3e-3, 0.4), "gap": (2e-7,)}
     row, values = TRUTH.tolist(), dict(zip(("k_c", "c_s", "c_c"), TRUTH.tolist(), strict=True))
     for term in chosen:
@@ -175,8 +175,8 @@ def _planned(g: Group) -> Conditions:
 def test_a_session_named_by_a_group_is_called_a_session(known: Experiment) -> None:
     """Group 3 was measured with group 1, group 2 by itself."""
     groups = (*known.groups[:2], replace(known.groups[2], session=1))
-    problem = Problem(replace(known, groups=groups), (1, 2, 3))
-    assert [problem.shared_session(g) for g in groups] == [1, None, 1]
+    problem, (gain,) = Problem(replace(known, groups=groups), (1, 2, 3)), terms(["reading_gain"])
+    assert [problem.named_for(gain, g) for g in groups] == [(1, None), (None, None), (1, None)]
 
 
 def test_what_sessions_have_by_two_causes_is_drawn_for_each(known: Experiment) -> None:

@@ -34,7 +34,7 @@ from psafit.challenge.answer import (
 )
 from psafit.challenge.conditions import ConditionSettings, drawn, nameless, summary
 from psafit.errors import InputError
-from psafit.experiment import Experiment, GroupId, fingerprint, session_name, write_experiment
+from psafit.experiment import Experiment, GroupId, Occasions, fingerprint, session_name, write_experiment
 from psafit.inference import noise
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Motion, Observable
 from psafit.parameters import Parameter
@@ -223,8 +223,8 @@ def _made(
     rng = np.random.default_rng([seed, _TRUTH])
     scatter = _scatter(rng, design, nu, believed, settings)
     truth, true, redraws = _launching(
-        lambda: draw_challenge(rng, chosen, design, blank.sessions, scatter, strength, settings.sample),
-        lambda parameters: simulate_literally(design, parameters, chosen, blank.sessions, jobs=jobs),
+        lambda: draw_challenge(rng, chosen, design, blank.occasions, scatter, strength, settings.sample),
+        lambda parameters: simulate_literally(design, parameters, chosen, *blank.occasions, jobs=jobs),
         lambda true: strengths.enough(design, true),
         settings,
     )
@@ -334,7 +334,7 @@ def draw_challenge(
     rng: np.random.Generator,
     chosen: Sequence[Term],
     design: Design,
-    sessions: Sequence[GroupId],
+    occasions: Occasions,
     scatter: Scatter,
     nats: float | None,
     every: int,
@@ -350,12 +350,17 @@ def draw_challenge(
         sides.append(strengths.side_of(term, rng))
         own = [_from_prior(p, rng) for p in term.parameters[1:]]
         if term.latent:
-            z = term.latent.prior_quantile(rng.uniform(size=len(sessions)))
+            z = term.latent.prior_quantile(rng.uniform(size=len(getattr(occasions, term.per))))
             own += [float(x) for x in term.latent.to_physical(z)]
         others.append(own)
     sample = np.unique(np.linspace(0, design.n_points - 1, max(design.n_points // every, 8)).astype(int))
     some = design.points(sample)
-    if not strengths.enough(some, simulate_literally(design, values, (), sessions, points=sample)):
+
+    def launched(causes: Sequence[Term]) -> bool:
+        """Whether enough of the sample is, by the values drawn so far."""
+        return strengths.enough(some, simulate_literally(design, values, causes, *occasions, points=sample))
+
+    if not launched(()):
         return None
     theta = np.array(list(values.values()))
     expected: dict[str, float] = {}
@@ -370,9 +375,9 @@ def draw_challenge(
             reached = reached and found.reached
         share[term.id] = share_of(term, value)
         names = [p.name for p in term.parameters]
-        names += [session_name(term.latent.name, s) for s in sessions] if term.latent else []
+        names += [session_name(term.latent.name, s) for s in getattr(occasions, term.per)] if term.latent else []
         values.update(zip(names, [value, *own], strict=True))
-    if chosen and not strengths.enough(some, simulate_literally(design, values, chosen, sessions, points=sample)):
+    if chosen and not launched(chosen):
         return None
     return Truth(values, expected, share, reached)
 
@@ -382,6 +387,7 @@ def simulate_literally(
     parameters: Parameters,
     terms: Sequence[Term],
     sessions: Sequence[GroupId],
+    readers: Sequence[GroupId] | None = None,
     *,
     edit: Edit | None = None,
     points: NDArray[np.intp] | None = None,
@@ -400,6 +406,8 @@ def simulate_literally(
         In the registry's order.
     sessions : sequence of int or str
         Ids of the design's sessions.
+    readers : sequence of int or str, optional
+        Those of its readers, where an instrument has a name; the sessions by default.
     edit : callable, optional
         ``edit(rig, point)``: a last change of the rig of every launch.
     points : (n,) int array, optional
@@ -417,7 +425,8 @@ def simulate_literally(
         Without scatter, each in the unit of its observable; zero where a launch failed.
     """
     chosen = np.arange(design.n_points) if points is None else points
-    rigs = _Rigs(design, dict(parameters), tuple(terms), tuple(sessions), edit, rtol)
+    occasions = Occasions(tuple(sessions), tuple(sessions if readers is None else readers))
+    rigs = _Rigs(design, dict(parameters), tuple(terms), occasions, edit, rtol)
     plain, traced = np.flatnonzero(~design.traced[chosen]), np.flatnonzero(design.traced[chosen])
     read = np.empty(len(chosen))
     if plain.size:
@@ -491,16 +500,21 @@ class _Rigs:
     design: Design
     parameters: Parameters
     terms: tuple[Term, ...]
-    sessions: tuple[GroupId, ...]
+    occasions: Occasions
     edit: Edit | None
     rtol: float
 
     def launches(self, chosen: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """First of some points at each launch, and which launch each is of; the same launch again is one."""
+        """One of some points at each launch, and which launch each is of; the same launch again is one.
+
+        It reads the launch range if any does: ranges are simulated as they are read.
+        """
         d = self.design
-        columns = np.column_stack([c[chosen] for c in (d.group, d.rig, d.drive, d.frequency, d.amplitude)])
-        _, first, back = np.unique(columns, axis=0, return_index=True, return_inverse=True)
-        return first, back.ravel()
+        columns = np.column_stack([c[chosen] for c in (d.group, d.rig, d.drive, d.frequency, d.amplitude, d.measured)])
+        _, back = np.unique(columns[:, :-1], axis=0, return_inverse=True)
+        order = np.lexsort((columns[:, -1], back.ravel()))
+        _, first = np.unique(back.ravel()[order], return_index=True)
+        return order[first], back.ravel()
 
     def at(self, i: int) -> tuple[ReferenceRig, Point]:
         """The rig, and the drive, of a point."""
@@ -510,7 +524,9 @@ class _Rigs:
         causes = []
         for term in self.terms:
             own = [values[p.name] for p in term.parameters]
-            own += [values[session_name(term.latent.name, self.sessions[d.session[i]])]] if term.latent else []
+            if term.latent:
+                id = getattr(self.occasions, term.per)[d.occasion(term.per)[i]]
+                own += [values[session_name(term.latent.name, id)]]
             causes.append((term, own))
         rig = reference_rig(theta, causes, d.rigs[d.rig[i]])
         if self.edit is not None:
@@ -553,7 +569,7 @@ def _outside(
     jobs: int,
 ) -> tuple[FloatArray, list[Place]]:
     def simulator(edit: Edit) -> FloatArray:
-        return simulate_literally(design, parameters, (), blank.sessions, edit=edit, jobs=jobs)
+        return simulate_literally(design, parameters, (), *blank.occasions, edit=edit, jobs=jobs)
 
     rng = np.random.default_rng([seed, _OUTSIDE])
     changed, places = effect.apply(blank.with_readings(true), true.copy(), simulator, rng)

@@ -75,6 +75,8 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
                 f"  group {group['id']}: {of.drive.label}, {count(group['n_points'], 'reading')}, "
                 f"{spans[0]}, {spans[1]} ({low:g} to {high:g} V), {read}{own}"
             )
+        for column, instrument in content.get("instruments", {}).items():
+            click.echo(f"  {column} is read by {instrument}, which has a gain of its own (reading_gain)")
         for known in content["priors"]:
             origin = ", from [rig]" if known["derived"] else ""
             click.echo(f"  prior of {label(known['name'])}{origin}: {known['prior']} ({known['source']})")

@@ -372,10 +372,11 @@ def of_sessions(
 
     A session to come is another one, whatever its id is.
     """
-    from psafit.experiment import known_sessions, session_name, sessions_of
+    from psafit.experiment import Occasions, known_sessions, session_name
 
-    new = {*sessions_of(plan.groups)} - known_sessions(plan.groups, measured)
-    theirs = {session_name(t.latent.name, s) for t in terms if t.latent for s in new} & medians.keys()
+    known = known_sessions(plan.groups, measured)
+    new = Occasions.of(g for g in plan.groups if g.session_id not in known)
+    theirs = {session_name(t.latent.name, s) for t in terms if t.latent for s in getattr(new, t.per)} & medians.keys()
     if theirs and not quiet:
         click.echo(
             f"sessions to come, not those of the run: {', '.join(sorted(theirs))} {'drawn' if drawn else '= 0'}",
@@ -414,23 +415,24 @@ def completed(
     """
     import numpy as np
 
-    from psafit.experiment import session_name, sessions_of
+    from psafit.experiment import Occasions, session_name
     from psafit.experiment.text import did_you_mean, listed
     from psafit.observables import OBSERVABLES
     from psafit.physics import TERMS, informed, owner
 
     plain, chosen = informed(plan.beliefs, chosen)
     wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, p.prior_median) for p in plain}
-    sessions, random = sessions_of(plan.groups), None if seed is None else np.random.default_rng([seed, 1])
+    occasions, random = Occasions.of(plan.groups), None if seed is None else np.random.default_rng([seed, 1])
     for term in chosen:
         for p in term.parameters:
             wanted[p.name] = (p, None if p is term.strength else p.prior_median)
         if term.latent:
-            own = np.zeros(len(sessions))
+            ids = getattr(occasions, term.per)
+            own = np.zeros(len(ids))
             if random is not None:
-                shares = random.uniform(size=len(sessions))
+                shares = random.uniform(size=len(ids))
                 own = term.latent.to_physical(term.latent.prior_quantile(shares))
-            names = [session_name(term.latent.name, s) for s in sessions]
+            names = [session_name(term.latent.name, id) for id in ids]
             wanted |= {name: (term.latent, float(z)) for name, z in zip(names, own, strict=True)}
     wanted |= {p.name: (p, p.prior_median) for p in scatter}
     unknown = sorted(asked.keys() - wanted.keys())

@@ -27,6 +27,7 @@ from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.discrepancy import Discrepancy, Expansion, prior_widths, stretch
+from psafit.experiment import Occasions
 from psafit.inference.candidate import Candidate
 from psafit.simulate import Design, readings
 
@@ -210,7 +211,7 @@ class Explanations:
         k = problem.n_model
         step = np.where(mode[:k] + by > problem.bounds[:k, 1], -by, by)
         moved = np.vstack([mode, mode + np.eye(k, mode.size) * step[:, None]])
-        found = readings(design, problem.theta(moved, ["a session to come"]), problem.terms)
+        found = readings(design, problem.theta(moved, Occasions.one("a session to come")), problem.terms)
         free = ((found[1:] - found[0]) / step[:, None]).T * prior_widths(problem, mode)
         to_come = np.full(design.n_points, TO_COME)
         new = Conditions.of(design, found[0], free, to_come, self.least)

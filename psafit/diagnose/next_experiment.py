@@ -31,7 +31,7 @@ from psafit.diagnose.explanations import KINDS, Explanation, Explanations, compa
 from psafit.diagnose.possible import Possible, TraceSettings, contact_times, near, proposals, traces
 from psafit.diagnose.words import PLAIN, Words
 from psafit.drives import TABLE, Drive
-from psafit.experiment import Conditions, Experiment, GroupId
+from psafit.experiment import Conditions, Experiment, GroupId, Occasions
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
@@ -359,7 +359,7 @@ def possible_measurements(candidate: Candidate, settings: TraceSettings) -> list
     may = [k for k, o in enumerate(OBSERVABLES) if not columns or o.column in columns or k in read]
     of = sorted((k for k in may if not OBSERVABLES[k].traced), key=lambda k: k != usual)
     of_launches = [p.reading(k, usual, read) for k in of for p in found if k == usual or not p.changed]
-    theta = problem.theta(candidate.modes[:1], ["a session to come"])
+    theta = problem.theta(candidate.modes[:1], Occasions.one("a session to come"))
 
     def contact(design: Design) -> FloatArray:
         return contact_times(simulate(design, theta, problem.terms))[0]
@@ -506,7 +506,7 @@ class _Model:
         # Without duplicates: leaving one draw out would otherwise keep its copy among the judges.
         u, counts = np.unique(draws, axis=0, return_counts=True)
         # What belongs to sessions is drawn from its prior, not taken over.
-        theta = problem.theta(u, ["a session to come"], rng)
+        theta = problem.theta(u, Occasions.one("a session to come"), rng)
         return cls(problem, theta, u, counts / len(draws))
 
     def forecast(self, design: Design) -> PredictedReadings:

@@ -18,7 +18,7 @@ from scipy.special import softmax
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.next_experiment import Proposal, Rehearsal, planned
-from psafit.experiment import Group, read_as
+from psafit.experiment import Group, Occasions, read_as
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate, FitSettings, candidate_of
 from psafit.inference.evidence import ImportanceSample
@@ -145,7 +145,7 @@ def readings_to_come(problem: Problem, u: FloatArray, proposal: Proposal, rng: n
     """Readings of the proposed sweep, of a truth drawn from a model's posterior."""
     sweep = planned(proposal, NEW, problem.experiment)
     design = Design.of(problem.experiment.constants, [sweep])
-    true = readings(design, problem.theta(u, [NEW], rng), problem.terms)
+    true = readings(design, problem.theta(u, Occasions.one(NEW), rng), problem.terms)
     scatter = noise.along(problem.scatter_to_come(u, int(sweep.measured[0])), design.elapsed)
     made = noise.draw(true, scatter, sweep.sigma, rng)[0]
     read = made if sweep.observable.traced else np.maximum(made, 0.0)

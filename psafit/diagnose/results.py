@@ -92,7 +92,7 @@ def sessions_of(model_set: ModelSet, candidate: Candidate) -> list[SessionResult
             sampled.quantiles(values, (0.05, 0.5, 0.95)).tolist() if sampled else (None, values[0], None)
         )
         value = ParameterResult(median, low, high, of.unit, of.title, math.nan)
-        found.append(SessionResult(term.id, group.id, value, problem.shared_session(group)))
+        found.append(SessionResult(term.id, group.id, value, *problem.named_for(term, group)))
     return found
 
 

@@ -175,6 +175,8 @@ class Offset:
         Of the second over the first, with its 90 % interval by the fitted scatter.
     observable : str, optional
         What is read; None for launch ranges.
+    instrument : str, optional
+        Name of what reads it, where it has one.
     """
 
     first: GroupId
@@ -184,6 +186,7 @@ class Offset:
     lower: float
     upper: float
     observable: str | None = field(default=None, metadata=ABSENT)
+    instrument: str | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True)
@@ -215,7 +218,7 @@ class Unlike:
 
 
 def unlike(found: Sequence[Offset], causes: Iterable[Term], level: float) -> Unlike | None:
-    """The factors of two sessions that differ most between two observables, if they do at some level.
+    """The factors of two sessions that differ most between two observables of one instrument, if they do at some level.
 
     Compared is what a cause multiplies by one factor for each session; all comparisons that were made are counted.
     """
@@ -223,7 +226,8 @@ def unlike(found: Sequence[Offset], causes: Iterable[Term], level: float) -> Unl
         Unlike(cause.id, a, b)
         for cause in causes
         for a, b in itertools.combinations(found, 2)
-        if cause.latent and cause.reading and (a.first, a.second) == (b.first, b.second)
+        if cause.latent and cause.reading
+        and (a.first, a.second, a.instrument) == (b.first, b.second, b.instrument)
         and {named(a.observable).name, named(b.observable).name} <= {*cause.reads}
     ]  # fmt: skip
     most = min(pairs, key=lambda pair: pair.chance, default=None)
@@ -255,8 +259,10 @@ def offsets(candidate: Candidate) -> list[Offset]:
         ratio, weight = np.array([p[0] for p in pairs]), 1 / np.array([p[1] for p in pairs])
         mean, sd = float(np.average(ratio, weights=weight)), float(1 / np.sqrt(weight.sum()))
         factor, low, high = np.exp(mean + sd * norm.ppf([0.5, 0.05, 0.95])).tolist()
-        name = recorded_name(OBSERVABLES[of])
-        result.append(Offset(problem.sessions[a], problem.sessions[b], len(pairs), factor, low, high, name))
+        name, column = recorded_name(OBSERVABLES[of]), OBSERVABLES[of].column
+        instrument = dict(problem.experiment.instruments).get(column)
+        first, second = (problem.occasions.sessions[k] for k in (a, b))
+        result.append(Offset(first, second, len(pairs), factor, low, high, name, instrument))
     return result
 
 

@@ -7,7 +7,7 @@ like a wrong unit are kept, and named in `Experiment.warnings`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from psafit.arrays import FloatArray
@@ -31,6 +31,7 @@ from psafit.experiment.records import (
     Experiment,
     Group,
     GroupId,
+    Occasions,
     Swept,
     by_group,
     by_part,
@@ -58,6 +59,7 @@ __all__ = [
     "Experiment",
     "Group",
     "GroupId",
+    "Occasions",
     "Plan",
     "Swept",
     "by_group",
@@ -191,7 +193,7 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str, list[str]]:
     faults = definition.faults
     data = definition.data
     with faults.kept():
-        definition.known_keys(data, ("title", "source", "constants", "group", "prior", "limits", "rig"))
+        definition.known_keys(data, ("title", "source", "constants", "group", "prior", "limits", "rig", "instruments"))
     if not {"constants", "group"} <= data.keys():
         faults.end()  # one of them, misspelt
     with faults.kept():
@@ -210,11 +212,13 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str, list[str]]:
         stated = definition.beliefs()
     with faults.kept():
         rig = definition.rig()
-    groups = []
+    groups, instruments = [], tuple[tuple[str, str], ...]()
+    with faults.kept():
+        instruments = definition.instruments()
     with faults.kept():
         for declared in definition.groups(faults):
             with faults.kept():
-                groups.append(_sweep(declared, planned=planned))
+                groups.append(replace(_sweep(declared, planned=planned), instruments=instruments))
     if len(faults):
         for fault in definition.doubts():
             faults.add(fault)

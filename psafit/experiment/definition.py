@@ -62,6 +62,7 @@ _PRIOR = (
     ' probability, alone or with them) and source = "..."'
 )
 _READ = "read"
+_INSTRUMENT = 'write for example under [instruments]: launch_speed_mm_s = "laser"'
 _LIMITED = "write for example under [limits]: frequency_hz = [100, 20000], or l = [0.06, 0.12]"
 _FACT = "give it in SI units: ohm, F, V, m; leave out what is not known"
 _HEADER = re.compile(r"\s*(\[\[?)([^\[\]#]+)\]")
@@ -301,6 +302,25 @@ class Definition:
             near = did_you_mean(strange[0], known, columns=True)
             raise self.error(f"nothing is read as {shown(strange[0])}", near, *place)
         return tuple(dict.fromkeys(names))
+
+    def instruments(self) -> tuple[tuple[str, str], ...]:
+        """Columns that an instrument of their own reads, and its name, in the order of the file."""
+        table, columns = self.data.get("instruments", {}), [o.column for o in OBSERVABLES]
+        if not isinstance(table, dict):
+            raise self.error("instruments is no table", _INSTRUMENT, "instruments")
+        faults, found = Faults(), []
+        for column, name in table.items():
+            with faults.kept():
+                if column not in columns:
+                    near = did_you_mean(column, columns, columns=True)
+                    raise self.error(f"nothing is read as {shown(column)}", near, "instruments", column)
+                if not isinstance(name, str) or _ID.fullmatch(name) is None:
+                    what = f"{shown(_value_text(name)[:40])} is no name of an instrument"
+                    remedy = 'use letters, digits, "-" and "_", at most 32, in quotes: "laser"'
+                    raise self.error(what, remedy, "instruments", column)
+                found.append((column, name))
+        faults.end()
+        return tuple(found)
 
     def _limit(self, name: str, ends: object) -> tuple[float, float]:
         place = ("limits", name)

@@ -9,7 +9,7 @@ import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +96,8 @@ class Conditions:
         Of the samples of a trace, from the start of the drive; none where launches as a whole are read.
     session : int or str, optional
         The occasion on which it was measured, where others were measured on it, too: a name, or another group's id.
+    instruments : tuple of (str, str), optional
+        Columns that an instrument of their own reads, and its name; what reads the others is one instrument.
 
     Raises
     ------
@@ -114,6 +116,7 @@ class Conditions:
     row: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp), kw_only=True)
     time_us: FloatArray | None = field(default=None, kw_only=True)
     session: GroupId | None = field(default=None, kw_only=True)
+    instruments: tuple[tuple[str, str], ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "drive", Drive.of(self.drive))
@@ -196,6 +199,16 @@ class Conditions:
         return self.id if self.session is None else self.session
 
     @property
+    def instrument(self) -> str | None:
+        """Name of what reads a group that is one of `parts`; None where it reads all that no other one does."""
+        return dict(self.instruments).get(self.observable.column)
+
+    @property
+    def reader(self) -> GroupId:
+        """What reads a group that is one of `parts`: the session, and the instrument where it has a name."""
+        return self.session_id if self.instrument is None else f"{self.session_id} {self.instrument}"
+
+    @property
     def waveform(self) -> str:
         """Name of the drive's waveform."""
         return self.drive.waveform
@@ -249,7 +262,7 @@ class Conditions:
 
         A trace is a curve already. Of several observables, each has its own conditions.
         """
-        held: dict[str, Any] = {"changed": self.changed, "session": self.session}
+        held: dict[str, Any] = {"changed": self.changed, "session": self.session, "instruments": self.instruments}
         if len(self.parts) > 1:
             each = [part.filled() for part in self.parts]
             f, v, measured = (
@@ -338,8 +351,35 @@ def sessions_of(groups: Iterable[Conditions]) -> tuple[GroupId, ...]:
     return tuple(dict.fromkeys(g.session_id for g in groups))
 
 
+class Occasions(NamedTuple):
+    """When groups were measured, and by what.
+
+    Parameters
+    ----------
+    sessions : tuple of group ids
+        In the order of their first groups.
+    readers : tuple of group ids
+        The instruments, each in each session that it read in, as `Conditions.reader` names them; where none has a name,
+        the sessions.
+    """
+
+    sessions: tuple[GroupId, ...]
+    readers: tuple[GroupId, ...]
+
+    @classmethod
+    def of(cls, groups: Iterable[Conditions]) -> Self:
+        """Those of some groups."""
+        every = list(groups)
+        return cls(sessions_of(every), tuple(dict.fromkeys(part.reader for g in every for part in g.parts)))
+
+    @classmethod
+    def one(cls, session: GroupId) -> Self:
+        """A session with one instrument."""
+        return cls((session,), (session,))
+
+
 def session_name(name: str, id: GroupId) -> str:
-    """Name of what one session has for itself: `name`, and the session's id.
+    """Name of what one session has for itself, or an instrument in a session: `name`, and the session's or reader's id.
 
     It depends on the id alone: what a Python name cannot hold is replaced, and a checksum distinguishes such ids.
     """
@@ -370,9 +410,14 @@ class Experiment:
         return tuple(group.id for group in self.groups)
 
     @property
-    def sessions(self) -> tuple[GroupId, ...]:
-        """The sessions in which its groups were measured, as a design of all groups numbers them."""
-        return sessions_of(self.groups)
+    def occasions(self) -> Occasions:
+        """When its groups were measured, and by what, as a design of all groups numbers it."""
+        return Occasions.of(self.groups)
+
+    @property
+    def instruments(self) -> tuple[tuple[str, str], ...]:
+        """Columns that an instrument of their own reads, and its name: those of its groups."""
+        return tuple(dict.fromkeys(pair for group in self.groups for pair in group.instruments))
 
     def group(self, group_id: GroupId) -> Group:
         """Return one group.
@@ -449,6 +494,8 @@ def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:
             )
         if group.session is not None:
             digest.update(f"session={group.session}\n".encode())
+        for of, instrument in group.instruments:
+            digest.update(f"instrument={of} {instrument}\n".encode())
         for name, value in group.changed:
             digest.update(f"{name}={value.hex()}\n".encode())
         # The names are those of files that hold launch ranges alone: their fingerprints stay what they were.
@@ -474,10 +521,10 @@ def describe(experiment: Experiment) -> dict[str, Any]:
         `title`, `source`, `folder`, `fingerprint`, `constants`, `n_points`, `warnings`, `priors` (those given: `name`,
         `prior` with the probability that its cause is at work where that is given, `source`, and whether it is
         `derived` from the rig), `lacking` (of each prior that nearly follows from the rig the facts that are missing),
-        and `groups`: one dict each with `id`, `session` if it is stated, `waveform`, `file`, `n_points`, the spans
-        `frequency_hz`, `amplitude_v`, of a trace `time_us`, and those of what is read, `launch_range_um` or another
-        column, as [least, greatest], `constants` (those changed), `zeros` (readings of exactly 0), `replicates`
-        (readings beyond the first at the same condition) and `has_sigma`.
+        `instruments` if any is named (column to name), and `groups`: one dict each with `id`, `session` if it is
+        stated, `waveform`, `file`, `n_points`, the spans `frequency_hz`, `amplitude_v`, of a trace `time_us`, and those
+        of what is read, `launch_range_um` or another column, as [least, greatest], `constants` (those changed), `zeros`
+        (readings of exactly 0), `replicates` (readings beyond the first at the same condition) and `has_sigma`.
     """
     known = {b.name for b in experiment.beliefs if b.prior is not None}
     return {
@@ -493,6 +540,7 @@ def describe(experiment: Experiment) -> dict[str, Any]:
             for b in experiment.beliefs
         ],
         "lacking": {name: list(facts) for name, facts in lacking(experiment.rig, known).items()},
+        **({"instruments": dict(experiment.instruments)} if experiment.instruments else {}),
         "groups": [_describe_group(group) for group in experiment.groups],
     }
 

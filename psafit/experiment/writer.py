@@ -122,6 +122,7 @@ def _kept_definition(experiment: Experiment) -> str | None:
             and found.readable() == experiment.readable
             and found.known(found.beliefs(), found.rig(), experiment.constants) == experiment.beliefs
             and found.rig() == experiment.rig
+            and found.instruments() == experiment.instruments
             and found.text("title", experiment.title) == experiment.title
             and found.text("source", "") == experiment.source
             and declared == [(g.id, g.session, g.drive, g.file, g.changed, _condition(g)) for g in experiment.groups]
@@ -144,6 +145,7 @@ def _definition(experiment: Experiment) -> str:
             "\n[constants]\n",
             *constants,
             rig_text(experiment.rig),
+            instruments_text(experiment.instruments),
             limits_text(experiment.limits, experiment.readable),
             beliefs_text(experiment.beliefs),
         ]
@@ -168,6 +170,12 @@ def rig_text(rig: Rig | None) -> str:
         return ""
     facts = (f"{k} = {quoted(v) if isinstance(v, str) else number_text(v)}\n" for k, v in rig.given.items())
     return "".join(["\n[rig]\n", *facts])
+
+
+def instruments_text(instruments: Sequence[tuple[str, str]]) -> str:
+    """The table of columns with an instrument of their own; empty where there are none."""
+    lines = [f"{column} = {quoted(name)}\n" for column, name in instruments]
+    return "".join(["\n[instruments]\n", *lines]) if lines else ""
 
 
 def beliefs_text(beliefs: Sequence[Belief]) -> str:

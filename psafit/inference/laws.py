@@ -24,7 +24,7 @@ from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.physics import baseline
 from psafit.physics.term import Term
 from psafit.records import Broken, Law
-from psafit.simulate.batch import MICRO, columns, simulate
+from psafit.simulate.batch import MICRO, columns, own_columns, simulate
 from psafit.simulate.design import Design
 from psafit.simulate.literal import energy
 from psafit.simulate.reference import Point
@@ -62,12 +62,10 @@ def broken(candidate: Candidate, settings: LawSettings | None = None) -> list[Br
 def _without_reading(candidate: Candidate) -> tuple[tuple[Term, ...], FloatArray]:
     """The causes that act on the ball, and their parameters as the simulator takes them."""
     problem = candidate.problem
-    n_sessions = problem.design.n_sessions
-    row = dict(
-        zip(columns(problem.terms, n_sessions), problem.theta(candidate.modes[:1], problem.sessions)[0], strict=True)
-    )
+    counts, theta = problem.design.counts, problem.theta(candidate.modes[:1], problem.occasions)[0]
+    row = dict(zip(columns(problem.terms, *counts), theta, strict=True))
     terms = tuple(t for t in problem.terms if t.slot != "reading")
-    return terms, np.array([row[name] for name in columns(terms, n_sessions)])
+    return terms, np.array([row[name] for name in columns(terms, *counts)])
 
 
 def _carried(ranges: FloatArray, places: FloatArray, candidate: Candidate, settings: LawSettings) -> Iterator[Broken]:
@@ -98,7 +96,7 @@ def _energy(
         i = int(own[np.argmax(ranges[own])])
         one = design.point(i)
         point = Point(one.drives[one.drive[0]], float(one.frequency[0]), float(one.amplitude[0]))
-        pairs = _pairs(theta, terms, int(design.session[i]), design.n_sessions)
+        pairs = _pairs(theta, terms, design, i)
         try:
             gained, given = energy(point, theta[: len(baseline.PARAMETERS)].tolist(), pairs, one.constants)
         except ConvergenceError:  # the reference gives up: nothing was asked
@@ -113,13 +111,13 @@ def _energy(
         yield _broken("energy", i, gained, given, count, candidate, text)
 
 
-def _pairs(theta: FloatArray, terms: Sequence[Term], session: int, n: int) -> list[tuple[Term, list[float]]]:
-    """Each cause with its values in one session of `n`."""
-    pairs, first = [], len(baseline.PARAMETERS)
-    for term in terms:
-        own, first = theta[first:], first + len(term.parameters) + (n if term.latent else 0)
-        values = own[: len(term.parameters)].tolist()
-        pairs.append((term, [*values, float(own[len(values) + session])] if term.latent else values))
+def _pairs(theta: FloatArray, terms: Sequence[Term], design: Design, i: int) -> list[tuple[Term, list[float]]]:
+    """Each cause with its values at one of a design's points."""
+    pairs = []
+    for term, own in zip(terms, own_columns(terms, design.counts), strict=True):
+        values = theta[own].tolist()
+        n, at = len(term.parameters), int(design.occasion(term.per)[i])
+        pairs.append((term, [*values[:n], values[n + at]] if term.latent else values))
     return pairs
 
 

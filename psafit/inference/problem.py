@@ -14,7 +14,7 @@ from scipy.special import expit
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
-from psafit.experiment import Experiment, Group, GroupId, session_name, sessions_of
+from psafit.experiment import Experiment, Group, GroupId, Occasions, session_name
 from psafit.experiment.text import listed
 from psafit.inference import noise
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
@@ -112,18 +112,23 @@ class Problem:
         return tuple(t.id for t in self.terms)
 
     @cached_property
-    def sessions(self) -> tuple[GroupId, ...]:
-        """The sessions that the fitted groups were measured in."""
-        return self.sessions_of(self.group_ids)
+    def occasions(self) -> Occasions:
+        """When the fitted groups were measured, and by what."""
+        return self.occasions_of(self.group_ids)
 
-    def sessions_of(self, group_ids: Sequence[GroupId]) -> tuple[GroupId, ...]:
-        """The sessions that some groups of the experiment were measured in, as their design numbers them."""
-        return sessions_of(map(self.experiment.group, group_ids))
+    def occasions_of(self, group_ids: Sequence[GroupId]) -> Occasions:
+        """When some groups of the experiment were measured, and by what, as their design numbers it."""
+        return Occasions.of(map(self.experiment.group, group_ids))
 
-    def shared_session(self, group: Group) -> GroupId | None:
-        """The session of a group, if it has a name or other groups of the experiment were measured in it; else None."""
-        n_groups = sum(g.session_id == group.session_id for g in self.experiment.groups)
-        return None if group.session is None and n_groups == 1 else group.session_id
+    def named_for(self, term: Term, part: Group) -> tuple[GroupId | None, str | None]:
+        """The names of the session and the instrument that have a latent value of a cause, None where there is none.
+
+        `part` is what one observable has in a group. A session has a name if it is given one, or if several groups of
+        the experiment were measured in it.
+        """
+        n_groups = sum(g.session_id == part.session_id for g in self.experiment.groups)
+        session = None if part.session is None and n_groups == 1 else part.session_id
+        return session, None if term.per == "sessions" else part.instrument
 
     @cached_property
     def _latents(self) -> tuple[Parameter, ...]:
@@ -131,7 +136,7 @@ class Problem:
             replace(term.latent, name=session_name(term.latent.name, g), description=f"{term.latent.description}, {g}")
             for term in self.terms
             if term.latent
-            for g in self.sessions
+            for g in getattr(self.occasions, term.per)
         )
 
     @cached_property
@@ -139,7 +144,8 @@ class Problem:
         """Which parameters belong together: each of the baseline's and the scatter's alone, a cause's; (n_dim,)."""
         n = len(baseline.PARAMETERS)
         causes = [n + k for k, term in enumerate(self.terms) for _ in term.parameters]
-        latents = [n + k for k, term in enumerate(self.terms) if term.latent for _ in self.sessions]
+        of = ((k, term) for k, term in enumerate(self.terms) if term.latent)
+        latents = [n + k for k, term in of for _ in getattr(self.occasions, term.per)]
         last = n + len(self.terms)
         return np.array([*range(n), *causes, *latents, *range(last, last + len(self.scatter))])
 
@@ -257,11 +263,11 @@ class Problem:
             Draws what a session not fitted has for itself from its prior; the prior's median without one.
         """
         design = self.design if group_ids is None else self.design_of(group_ids)
-        sessions = self.sessions if group_ids is None else self.sessions_of(group_ids)
-        return readings(design, self.theta(u, sessions, rng), self.terms, tolerance=self.tolerance)
+        occasions = self.occasions if group_ids is None else self.occasions_of(group_ids)
+        return readings(design, self.theta(u, occasions, rng), self.terms, tolerance=self.tolerance)
 
-    def theta(self, u: FloatArray, sessions: Sequence[GroupId], rng: np.random.Generator | None = None) -> FloatArray:
-        """Physical values of `u` in the columns that the simulator takes for a design of `sessions`; see `predict`."""
+    def theta(self, u: FloatArray, occasions: Occasions, rng: np.random.Generator | None = None) -> FloatArray:
+        """Physical values of `u` in the columns that the simulator takes for a design of `occasions`; see `predict`."""
         x = self.to_physical(u)
         if not self._latents:
             return x[:, : self.n_physical]
@@ -271,13 +277,14 @@ class Problem:
             blocks.append(x[:, first : first + len(term.parameters)])
             first += len(term.parameters)
             if term.latent:
-                for s in sessions:
-                    if s in self.sessions:
-                        blocks.append(x[:, [latent + self.sessions.index(s)]])
+                known: tuple[GroupId, ...] = getattr(self.occasions, term.per)
+                for id in getattr(occasions, term.per):
+                    if id in known:
+                        blocks.append(x[:, [latent + known.index(id)]])
                     else:
                         p = np.full(len(u), 0.5) if rng is None else rng.uniform(size=len(u))
                         blocks.append(term.latent.to_physical(term.latent.prior_quantile(p))[:, None])
-                latent += len(self.sessions)
+                latent += len(known)
         return np.concatenate(blocks, axis=1)
 
     def noise_values(self, u: FloatArray, group: Group | None = None) -> FloatArray:

@@ -219,7 +219,7 @@ class _Work:
             fingerprint=problem.experiment.fingerprint,
             groups=list(problem.group_ids),
             terms=[t.id for t in problem.terms],
-            engine=simulate(problem.design, problem.theta(polished.modes, problem.sessions), problem.terms).engine,
+            engine=simulate(problem.design, problem.theta(polished.modes, problem.occasions), problem.terms).engine,
             seed=asked.seed,
             parameters=[
                 ParameterEntry(

@@ -16,7 +16,6 @@ from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
 from psafit.inference.samplers import sampler
 from psafit.inference.sampling import Chain
-from psafit.observables import OBSERVABLES
 from psafit.parameters import SHARES
 from psafit.physics import TERMS, informed
 from psafit.physics.term import OfSession, Term
@@ -114,11 +113,11 @@ def summarise(
 def _sessions(problem: Problem, rows: FloatArray) -> Iterator[SessionSummary]:
     for term, of, group, values in by_session(problem, rows):
         median, low, high = np.quantile(values, [0.5, 0.05, 0.95]).tolist()
-        yield SessionSummary(term.id, group.id, of.title, of.unit, median, low, high, problem.shared_session(group))
+        yield SessionSummary(term.id, group.id, of.title, of.unit, median, low, high, *problem.named_for(term, group))
 
 
 def by_session(problem: Problem, rows: FloatArray) -> Iterator[tuple[Term, OfSession, Group, FloatArray]]:
-    """What each session has by each cause that differs by session and changes what was read there.
+    """What each session, or reader, has by each cause that differs so and changes what was read there.
 
     Parameters
     ----------
@@ -128,17 +127,16 @@ def by_session(problem: Problem, rows: FloatArray) -> Iterator[tuple[Term, OfSes
 
     Yields
     ------
-    Term, OfSession, first group of the session, (n,) array
+    Term, OfSession, what one observable has in the first group, (n,) array
     """
-    fitted = problem.experiment.select(problem.group_ids)
+    parts = [part for g in problem.experiment.select(problem.group_ids) for part in g.parts]
     for term in problem.terms:
         if not (term.latent and term.of_session):
             continue
-        for session in problem.sessions:
-            groups = [g for g in fitted if g.session_id == session]
-            read = {OBSERVABLES[k].name for g in groups for k in np.unique(g.measured)}
-            if term.setup or not read.isdisjoint(term.reads):
-                names = [*(p.name for p in term.parameters), session_name(term.latent.name, session)]
+        for id in getattr(problem.occasions, term.per):
+            groups = [g for g in parts if id == (g.session_id if term.per == "sessions" else g.reader)]
+            if term.setup or not {g.observable.name for g in groups}.isdisjoint(term.reads):
+                names = [*(p.name for p in term.parameters), session_name(term.latent.name, id)]
                 columns = [problem.names.index(name) for name in names]
                 yield term, term.of_session, groups[0], term.of_session.value(rows[:, columns])
 
@@ -163,8 +161,8 @@ def overdamped(problem: Problem, entries: Sequence[Summarised]) -> Overdamped | 
     causes leave them.
     """
     lower = entries[problem.names.index("c_s")].lower
-    theta = problem.theta(problem.to_sampling(np.array([[p.median for p in entries]])), problem.sessions)
-    rig = rig_of(problem.experiment.constants, theta, problem.terms, len(problem.sessions))
+    theta = problem.theta(problem.to_sampling(np.array([[p.median for p in entries]])), problem.occasions)
+    rig = rig_of(problem.experiment.constants, theta, problem.terms, problem.design.counts)
     critical = 2.0 * math.sqrt(float(rig.k_s[0] * rig.m[0]))
     if lower is None or lower <= critical:
         return None

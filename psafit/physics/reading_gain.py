@@ -7,7 +7,8 @@ Each session hangs the ball and aims the laser anew: an angle :math:`\theta` bet
 gain for a whole session (a group of the experiment, or several that name it), whose spread `s` is to be found; a gain
 common to all is not this cause. Where a drive's amplitude differs by session, whole sessions lie above or below, too: a
 voltmeter at the stack distinguishes the two. One instrument reads the ball's motion in a session: ranges, speeds and
-traces of the ball have the same gain; contact times and forces have none.
+traces of the ball have the same gain; contact times and forces have none. Where ``[instruments]`` in
+``experiment.toml`` names several, each has a gain of its own in each session.
 """
 
 from __future__ import annotations

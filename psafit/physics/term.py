@@ -459,6 +459,11 @@ class Term:
         return self.latent is not None and self.setup is not None
 
     @property
+    def per(self) -> Literal["sessions", "readers"]:
+        """What has a latent value of its own: a session, or, where the cause changes the reading alone, its reader."""
+        return "sessions" if self.setup else "readers"
+
+    @property
     def stepped(self) -> bool:
         """Whether a function of this cause acts while the ball is in contact, so that the motion has no closed form."""
         return not (self.law is None and self.stack_factor is None and self.branch is None)

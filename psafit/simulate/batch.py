@@ -16,7 +16,7 @@ from psafit.physics import baseline
 from psafit.physics.term import Setup, Term
 from psafit.simulate import closed_form, flight, stepper
 from psafit.simulate.callbacks import address
-from psafit.simulate.design import Design
+from psafit.simulate.design import Counts, Design
 
 PATHS = ("closed form", "stepper")
 MICRO = 1e6
@@ -82,35 +82,41 @@ def launch_range(speed: ArrayLike, length: float, g: float) -> FloatArray:
     return np.sqrt(height * (2 * length - height))
 
 
-def columns(terms: Sequence[Term], n_sessions: int = 1) -> list[str]:
+def columns(terms: Sequence[Term], n_sessions: int = 1, n_readers: int | None = None) -> list[str]:
     """Name the columns of `theta`: the baseline's parameters, then each cause's in the order given.
 
-    A parameter that every session has for itself occurs once a session, numbered from 0.
+    A parameter that every session, or reader, has for itself occurs once for each, numbered from 0. By default there
+    are as many readers as sessions.
     """
+    counts = Counts(n_sessions, n_sessions if n_readers is None else n_readers)
     names = [p.name for p in baseline.PARAMETERS]
     for term in terms:
         names += [p.name for p in term.parameters]
         if term.latent:
-            names += [f"{term.latent.name}_{i}" for i in range(n_sessions)]
+            names += [f"{term.latent.name}_{i}" for i in range(getattr(counts, term.per))]
     return names
 
 
-def _own(terms: Sequence[Term], n_sessions: int) -> list[slice]:
-    """Columns of each cause."""
+def own_columns(terms: Sequence[Term], counts: Counts) -> list[slice]:
+    """Columns of each cause, as `columns` has them."""
     first = len(baseline.PARAMETERS)
     slices = []
     for term in terms:
-        slices.append(slice(first, first + len(term.parameters) + (n_sessions if term.latent else 0)))
+        slices.append(slice(first, first + len(term.parameters) + (getattr(counts, term.per) if term.latent else 0)))
         first = slices[-1].stop
     return slices
 
 
 def rig_of(
-    constants: Constants, theta: FloatArray, terms: Sequence[Term] = (), n_sessions: int = 1, session: int = 0
+    constants: Constants,
+    theta: FloatArray,
+    terms: Sequence[Term] = (),
+    counts: Counts = Counts(),  # noqa: B008
+    session: int = 0,
 ) -> Setup:
     """Return the rig's numbers for parameter sets, as the causes leave them in a session."""
     rig = Setup.of(constants, theta[:, : len(baseline.PARAMETERS)])
-    for term, own in zip(terms, _own(terms, n_sessions), strict=True):
+    for term, own in zip(terms, own_columns(terms, counts), strict=True):
         if term.setup:
             n = len(term.parameters)
             p = theta[:, own]
@@ -222,7 +228,7 @@ def simulate(
     path: str | None = None,
     tolerance: float = stepper.TOLERANCE,
     forces: bool = False,
-    n_sessions: int | None = None,
+    counts: Counts | None = None,
 ) -> Simulation:
     """Launch the ball once for every parameter set and measurement point.
 
@@ -242,8 +248,8 @@ def simulate(
         fewer steps where more than the usual error is admitted.
     forces : bool
         Whether to find the peak force of each contact.
-    n_sessions : int, optional
-        That `theta` has columns for; those of the design by default.
+    counts : Counts, optional
+        Sessions and readers that `theta` has columns for; those of the design by default.
 
     Returns
     -------
@@ -256,8 +262,8 @@ def simulate(
         no sense; if `path` is "closed form" and a set has none.
     """
     sets = np.atleast_2d(np.asarray(theta, dtype=float))
-    n_sessions = n_sessions or design.n_sessions
-    names = columns(terms, n_sessions)
+    counts = counts or design.counts
+    names = columns(terms, *counts)
     if sets.ndim != 2 or sets.shape[1] != len(names):
         raise ValueError(f"theta has shape {np.shape(theta)}, expected (n_sets, {len(names)}): {', '.join(names)}")
     if not (np.isfinite(sets).all() and (sets[:, 0] > 0).all() and (sets[:, 1:3] >= 0).all()):
@@ -265,11 +271,11 @@ def simulate(
     if path not in (None, *PATHS):
         raise ValueError(f"no path {path!r}; there are {' and '.join(PATHS)}")
 
-    by_session = n_sessions > 1 and any(t.by_session for t in terms)
+    by_session = counts.sessions > 1 and any(t.by_session for t in terms)
     if not (design.others or by_session):  # a search calls this thousands of times
-        return _simulate(design, sets, terms, n_sessions, path, tolerance, forces)
+        return _simulate(design, sets, terms, counts, path, tolerance, forces)
     split = design.of_sessions if by_session else design.of_rigs
-    parts = [_simulate(part, sets, terms, n_sessions, path, tolerance, forces) for part, _ in split]
+    parts = [_simulate(part, sets, terms, counts, path, tolerance, forces) for part, _ in split]
     back = np.argsort(np.concatenate([rows for _, rows in split]), kind="stable")
     engines = {p.engine for p in parts}
     absent = {"engine", *([] if forces else ["peak_force"]), *([] if design.moments.size else ["motion"])}
@@ -299,39 +305,39 @@ def readings(
         return np.empty((0, design.n_points))
     if not design.traced.any():
         return _of_launches(design, theta, terms, tolerance)
-    n_sessions = design.n_sessions
+    counts = design.counts
     plain, rows = design.launched_rows
     read = np.empty((len(np.atleast_2d(theta)), design.n_points))
     if rows.size:
-        read[:, rows] = _of_launches(plain, theta, terms, tolerance, n_sessions)
+        read[:, rows] = _of_launches(plain, theta, terms, tolerance, counts)
     for part in design.motions:
-        motion = simulate(part.launches, theta, terms, tolerance=tolerance, n_sessions=n_sessions).motion
+        motion = simulate(part.launches, theta, terms, tolerance=tolerance, counts=counts).motion
         assert motion is not None
         ball, speed, tip = np.moveaxis(motion[:, part.launch, part.moment], 2, 0)
         for k in np.unique(design.measured[part.rows]):
             here = design.measured[part.rows] == k
             rows = part.rows[here]
             seen = OBSERVABLES[k].of(Motion(ball[:, here], speed[:, here], tip[:, here]))
-            read[:, rows] = _as_read(OBSERVABLES[k], seen, design, rows, theta, terms, n_sessions)
+            read[:, rows] = _as_read(OBSERVABLES[k], seen, design, rows, theta, terms, counts)
     return read
 
 
 def _of_launches(
-    design: Design, theta: ArrayLike, terms: Sequence[Term], tolerance: float, n_sessions: int | None = None
+    design: Design, theta: ArrayLike, terms: Sequence[Term], tolerance: float, counts: Counts | None = None
 ) -> FloatArray:
     """`readings` of launches as a whole."""
     if design.launches is None:
-        found = simulate(design, theta, terms, tolerance=tolerance, n_sessions=n_sessions)
+        found = simulate(design, theta, terms, tolerance=tolerance, counts=counts)
         return LAUNCH_RANGE.of(found) * LAUNCH_RANGE.scale
-    points, back = design.launches
+    (points, back), counts = design.launches, counts or design.counts
     kinds = np.unique(design.measured)
     forces = any(OBSERVABLES[k].force for k in kinds)
-    found = simulate(points, theta, terms, tolerance=tolerance, forces=forces, n_sessions=n_sessions)
+    found = simulate(points, theta, terms, tolerance=tolerance, forces=forces, counts=counts)
     read = np.empty((len(found.launch_range), design.n_points))
     for k in kinds:
         here = np.flatnonzero(design.measured == k)
         seen = OBSERVABLES[k].of(found)[:, back[here]]
-        read[:, here] = _as_read(OBSERVABLES[k], seen, design, here, theta, terms, n_sessions)
+        read[:, here] = _as_read(OBSERVABLES[k], seen, design, here, theta, terms, counts)
     return read
 
 
@@ -342,7 +348,7 @@ def _as_read(
     rows: NDArray[np.intp],
     theta: ArrayLike,
     terms: Sequence[Term],
-    n_sessions: int | None,
+    counts: Counts,
 ) -> FloatArray:
     """What is read of values, SI units, (n_sets, n_rows), at some rows of a design; in the column's unit.
 
@@ -350,9 +356,7 @@ def _as_read(
     """
     if observable is not LAUNCH_RANGE and any(observable.name in t.reads for t in terms):
         sets = np.atleast_2d(np.asarray(theta, dtype=float))
-        own = _own(terms, n_sessions or design.n_sessions)
-        here = design.session[rows], design.frequency[rows], design.amplitude[rows]
-        read = _changed(observable, values, *here, sets, terms, own)
+        read = _changed(observable, values, design, rows, sets, terms, own_columns(terms, counts))
         values = np.where(values == 0.0, 0.0, read) if observable.blank else read
     return values * observable.scale
 
@@ -360,21 +364,20 @@ def _as_read(
 def _changed(
     observable: Observable,
     values: FloatArray,
-    session: NDArray[np.int64],
-    frequency: FloatArray,
-    amplitude: FloatArray,
+    design: Design,
+    rows: NDArray[np.intp] | slice,
     sets: FloatArray,
     terms: Sequence[Term],
     own: Sequence[slice],
 ) -> FloatArray:
-    """Values of an observable, SI units, as causes that change its readings leave them."""
+    """Values of an observable, SI units, at some rows of a design, as causes that change its readings leave them."""
     for term, columns_ in zip(terms, own, strict=True):
         if observable.name not in term.reads:
             continue
         if term.reading:
-            values = term.reading(values, sets[:, columns_], session)
+            values = term.reading(values, sets[:, columns_], design.occasion(term.per)[rows])
         if term.condition:
-            values = values * term.condition(frequency, amplitude, sets[:, columns_])
+            values = values * term.condition(design.frequency[rows], design.amplitude[rows], sets[:, columns_])
     return values
 
 
@@ -382,26 +385,26 @@ def _simulate(
     design: Design,
     sets: FloatArray,
     terms: Sequence[Term],
-    n_sessions: int,
+    counts: Counts,
     path: str | None,
     tolerance: float,
     forces: bool,
 ) -> Simulation:
     """Simulate sets at points of one rig, and of one session where every session has its own."""
-    own, session = _own(terms, n_sessions), int(design.session[0]) if design.n_points else 0
+    own, session = own_columns(terms, counts), int(design.session[0]) if design.n_points else 0
     # Sets that differ only in what happens after the launch, or in another session, share their contact.
     after = np.zeros(sets.shape[1], bool)
     for term, columns_ in zip(terms, own, strict=True):
         after[columns_] = term.after_launch
         if term.by_session:
             latent = columns_.start + len(term.parameters)
-            after[latent : columns_.stop] = np.arange(n_sessions) != session
+            after[latent : columns_.stop] = np.arange(counts.sessions) != session
     first: NDArray[np.intp] | slice = slice(None)
     back: NDArray[np.intp] | slice = slice(None)
     if after.any():
         _, first, inverse = np.unique(sets[:, ~after], axis=0, return_index=True, return_inverse=True)
         back = inverse.ravel()
-    rig = rig_of(design.constants, sets, terms, n_sessions, session)
+    rig = rig_of(design.constants, sets, terms, counts, session)
     weight = np.zeros(len(sets))
     for term, columns_ in zip(terms, own, strict=True):
         if term.swing_offset:
@@ -437,7 +440,7 @@ def _simulate(
             when, speed, place, status, rig.l, rig.g, rig.lean, rig.rub, loss[0], loss[1], np.ascontiguousarray(sets),
             design.moments, steps, motion,
         )  # fmt: skip
-    swung = _changed(LAUNCH_RANGE, swung, design.session, design.frequency, design.amplitude, sets, terms, own)
+    swung = _changed(LAUNCH_RANGE, swung, design, slice(None), sets, terms, own)
     engine = PATHS[int(stepped.all())] if stepped.all() or not stepped.any() else "mixed"
     launched = status == closed_form.LAUNCHED
     return Simulation(

@@ -32,7 +32,7 @@ from psafit.plugins import blamed, message_of
 from psafit.simulate import stepper
 from psafit.simulate.batch import Simulation, columns, path_of, simulate
 from psafit.simulate.callbacks import HOOKS, address
-from psafit.simulate.design import SINE, SQUARE, Design
+from psafit.simulate.design import SINE, SQUARE, Counts, Design
 from psafit.simulate.literal import LiteralLaunch, literal_launch
 from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import REFERENCE, RIGS, effect, observe, plausible
@@ -394,10 +394,10 @@ def law_derivatives(cause: Term, rng: np.random.Generator, among: Sequence[Term]
 # --- neutral values -------------------------------------------------------------------------------------------------
 
 
-def rows(cause: Term, strength: float, rng: np.random.Generator, n_sessions: int) -> FloatArray:
+def rows(cause: Term, strength: float, rng: np.random.Generator, counts: Counts) -> FloatArray:
     """The rigs, and as many draws from the baseline's prior, with the cause at a strength and its others anywhere."""
     thetas = [*RIGS.values(), *([some(p, rng) for p in baseline.PARAMETERS] for _ in RIGS)]
-    latents = len(columns([cause], n_sessions)) - len(columns([])) - len(cause.parameters)
+    latents = len(columns([cause], *counts)) - len(columns([])) - len(cause.parameters)
     others = [[some(p, rng) for p in cause.parameters[1:]] for _ in thetas]
     free = [[some(cause.latent, rng) for _ in range(latents)] if cause.latent else [] for _ in thetas]
     return np.array([[*t, strength, *o, *f] for t, o, f in zip(thetas, others, free, strict=True)])
@@ -407,7 +407,7 @@ def neutral(cause: Term, design: Design, rng: np.random.Generator) -> Outcome:
     """At the neutral value of its strength the cause is not there."""
     p = cause.strength
     assert p.neutral is not None
-    sets = rows(cause, p.neutral, rng, design.n_sessions)
+    sets = rows(cause, p.neutral, rng, design.counts)
     base = simulate(design, sets[:, :3]).launch_range
     worst = _apart(simulate(design, sets, [cause]).launch_range, base)
     text = f"{p.name} = {p.neutral:g} against the baseline, {_size(sets, design)}: relative difference"
@@ -427,7 +427,7 @@ def approached(cause: Term, design: Design, rng: np.random.Generator, *, step: f
     worst = 0.0
     for near in (u - step, u + step):
         if p.sampling_bounds.lower <= near <= p.sampling_bounds.upper:
-            sets = rows(cause, float(p.to_physical(near)), rng, design.n_sessions)
+            sets = rows(cause, float(p.to_physical(near)), rng, design.counts)
             limit = np.hstack([sets[:, :3], np.tile(values, (len(sets), 1))])
             base = simulate(design, limit, [term(id)] if id else ()).launch_range
             worst = max(worst, _apart(simulate(design, sets, [cause]).launch_range, base))
@@ -498,7 +498,8 @@ def _shift(cause: Term, design: Design, theta: ArrayLike, one: FloatArray, other
 
 def path(cause: Term, design: Design, of_steps: float = 1e-6) -> Outcome:
     """The path announced is the one taken, and agrees with fine steps: a closed form to 1e-6, steps to `of_steps`."""
-    sets = np.concatenate([REFERENCE, plausible(cause), [0.3] * (design.n_sessions if cause.latent else 0)])
+    latents = getattr(design.counts, cause.per) if cause.latent else 0
+    sets = np.concatenate([REFERENCE, plausible(cause), [0.3] * latents])
     found = simulate(design, sets, [cause])
     steps = simulate(design, sets, [cause], path="stepper", tolerance=1e-9)
     worst, announced = _apart(found.launch_range, steps.launch_range), path_of([cause])

@@ -5,19 +5,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.drives import NAMES, Drive
-from psafit.experiment import Conditions, Constants, sessions_of
+from psafit.experiment import Conditions, Constants, Occasions
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.simulate.command import commands
 
 _USUAL = (Drive("sine"), Drive("square"))
 SINE, SQUARE = range(2)
 MAX_FREQUENCY = 1e9  # Hz; no stack follows
+
+
+class Counts(NamedTuple):
+    """Number of sessions, and of readers: instruments, each in each session that it read in."""
+
+    sessions: int = 1
+    readers: int = 1
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,8 @@ class Design:
         Whether the tip is followed after the launch, too, which takes the stepper.
     session : (n_points,) int array
         Session of each point, numbered from 0; causes that act per session use it. By default each group is one.
+    reader : (n_points,) int array
+        What reads each point, numbered from 0: an instrument in a session. By default each session has one.
 
     Raises
     ------
@@ -69,16 +79,19 @@ class Design:
     moments: FloatArray = field(default_factory=lambda: np.empty((1, 0)))
     tipped: bool = False
     session: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    reader: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     def __post_init__(self) -> None:
-        if not np.size(self.session):
-            object.__setattr__(self, "session", self.group)
+        for name, usual in (("session", "group"), ("reader", "session")):
+            if not np.size(getattr(self, name)):
+                object.__setattr__(self, name, getattr(self, usual))
         for name, kind in (
             ("drive", np.int64),
             ("frequency", np.float64),
             ("amplitude", np.float64),
             ("group", np.int64),
             ("session", np.int64),
+            ("reader", np.int64),
             ("rig", np.int64),
             ("measured", np.int8),
             ("time", np.float64),
@@ -105,9 +118,13 @@ class Design:
         return int(np.size(self.frequency))
 
     @property
-    def n_sessions(self) -> int:
-        """Number of sessions that it has points of, with those numbered before."""
-        return int(self.session.max(initial=0)) + 1
+    def counts(self) -> Counts:
+        """How many sessions and readers it has points of, with those numbered before."""
+        return Counts(int(self.session.max(initial=0)) + 1, int(self.reader.max(initial=0)) + 1)
+
+    def occasion(self, per: str) -> NDArray[np.int64]:
+        """Number of each point's session or reader: `per` is a field of `Counts`."""
+        return self.session if per == "sessions" else self.reader
 
     def swept(self, variable: str) -> NDArray[np.float64]:
         """What "frequency" (Hz), "amplitude" (V) or "time" (us, along a trace) is at each point."""
@@ -126,11 +143,11 @@ class Design:
     def points(self, chosen: NDArray[np.intp]) -> Design:
         """Some of the conditions; those of one rig have its constants."""
         some = self.drive[chosen], self.frequency[chosen], self.amplitude[chosen], self.group[chosen]
-        rig, session = self.rig[chosen], self.session[chosen]
+        rig, when = self.rig[chosen], (self.session[chosen], self.reader[chosen])
         read = self.measured[chosen], self.time[chosen], self.moments[chosen], self.tipped
         if rig.size and (rig == rig[0]).all():
-            return Design(self.rigs[rig[0]], *some, (), np.zeros(1, np.int64), self.drives, *read, session)
-        return Design(self.constants, *some, self.others, rig, self.drives, *read, session)
+            return Design(self.rigs[rig[0]], *some, (), np.zeros(1, np.int64), self.drives, *read, *when)
+        return Design(self.constants, *some, self.others, rig, self.drives, *read, *when)
 
     @cached_property
     def commands(self) -> tuple[FloatArray, FloatArray]:
@@ -167,10 +184,16 @@ class Design:
 
     @property
     def _patterns(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """First point of each of the conditions, and which of these each point has."""
+        """A point of each of the conditions, and which of these each point has.
+
+        It reads the launch range if any does: what an instrument does to that is simulated with the launch.
+        """
         of = np.column_stack([self.group, self.rig, self.drive, self.frequency, self.amplitude])
-        _, first, back = np.unique(of, axis=0, return_index=True, return_inverse=True)
-        return first, back.ravel()
+        order = np.argsort(self.measured, kind="stable")
+        _, first, inverse = np.unique(of[order], axis=0, return_index=True, return_inverse=True)
+        back = np.empty(order.size, np.intp)
+        back[order] = inverse.ravel()
+        return order[first], back
 
     @cached_property
     def traced(self) -> NDArray[np.bool_]:
@@ -234,7 +257,7 @@ class Design:
     @cached_property
     def of_sessions(self) -> list[tuple[Design, NDArray[np.intp]]]:
         """The points of each session of each rig, as a design of their own, and which they are."""
-        return self._split(self.rig * self.n_sessions + self.session)
+        return self._split(self.rig * self.counts.sessions + self.session)
 
     @classmethod
     def of(cls, constants: Constants, groups: Sequence[Conditions]) -> Design:
@@ -242,7 +265,7 @@ class Design:
         sizes = [g.frequency_hz.size for g in groups]
         rigs = list(dict.fromkeys([constants, *(g.rig(constants) for g in groups)]))
         drives = tuple(dict.fromkeys([*_USUAL, *(g.drive for g in groups)]))
-        sessions = sessions_of(groups)
+        occasions = Occasions.of(groups)
         every = cls(
             constants,
             np.repeat([drives.index(g.drive) for g in groups], sizes),
@@ -254,7 +277,8 @@ class Design:
             drives,
             np.concatenate([g.measured for g in groups]),
             np.concatenate([np.full(g.n_points, np.nan) if g.time_us is None else g.time_us * 1e-6 for g in groups]),
-            session=np.repeat([sessions.index(g.session_id) for g in groups], sizes),
+            session=np.repeat([occasions.sessions.index(g.session_id) for g in groups], sizes),
+            reader=np.concatenate([_readers(g, occasions) for g in groups]),
         )
         return every.points(np.arange(every.n_points)) if rigs[1:] else every
 
@@ -268,6 +292,14 @@ class Design:
         drives = tuple(dict.fromkeys([*_USUAL, one]))
         none = np.zeros(f.size, np.int64)
         return cls(constants, none + drives.index(one), f, v, none, drives=drives)
+
+
+def _readers(group: Conditions, occasions: Occasions) -> NDArray[np.int64]:
+    """Which of the readers each point of a group has."""
+    found = np.empty(group.n_points, np.int64)
+    for part in group.parts:
+        found[group.measured == part.measured[0]] = occasions.readers.index(part.reader)
+    return found
 
 
 @dataclass(frozen=True)

@@ -217,7 +217,7 @@ def sets_with(term: Term, design: Design, theta: ArrayLike, values: ArrayLike, s
         return sets
     # A spread has no effect by itself: each session in turn lies off the latent's median.
     usual, one = term.latent.to_physical(term.latent.prior_quantile(np.array([0.5, share])))
-    n = design.n_sessions
+    n = getattr(design.counts, term.per)
     sessions = np.vstack([np.zeros(n), np.eye(n)]) * (one - usual) + usual
     return np.hstack([np.repeat(sets, len(sessions), axis=0), sessions])
 

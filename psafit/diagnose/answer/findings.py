@@ -398,7 +398,7 @@ def _against_prior(words: Words, name: str, p: ParameterResult) -> str:
 
 @dataclass(frozen=True)
 class GainsDiffer(Statement):
-    """Two sessions that differ by one factor in what one instrument reads, and by another in what another does."""
+    """Two sessions that differ by one factor in what is read, and by another in something else that is read."""
 
     topic = "wrong"
     found: Unlike
@@ -411,8 +411,8 @@ class GainsDiffer(Statement):
         )
         return words.put(
             "From session {} to session {} the readings change by two factors, {}. One {} for both does not do that."
-            " Two instruments do, each with a factor of its own (then give each groups of its own), or a lean or a"
-            " drive that differs.",
+            " Two instruments do, each with a factor of its own: then name them in experiment.toml, under"
+            " [instruments]. So does a lean or a drive that differs.",
             f.first.first, f.first.second, words.listed(each), words.cause(f.cause),
         )  # fmt: skip
 

@@ -98,17 +98,20 @@ class SessionResult:
     value : ParameterResult
     session : int or str, optional
         Its name, where it has one.
+    instrument : str, optional
+        Of what one instrument has in a session, its name.
     """
 
     cause: str
     group: GroupId
     value: ParameterResult
     session: GroupId | None = field(default=None, metadata=ABSENT)
+    instrument: str | None = field(default=None, metadata=ABSENT)
 
     @property
     def where(self) -> str:
         """The session, as people know it."""
-        return occasion(self.group, self.session)
+        return occasion(self.group, self.session, self.instrument)
 
 
 @dataclass(frozen=True, repr=False)

@@ -1,0 +1,189 @@
+"""Instruments that have names: each has a gain of its own in each session."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from folders import HEADER, TOML, refusal, write
+from rigs import RIG, TRUTH
+
+from psafit.challenge.hide import simulate_literally
+from psafit.cli.fitting import check
+from psafit.diagnose.show import Offset, offsets, unlike
+from psafit.experiment import (
+    Conditions,
+    Experiment,
+    Occasions,
+    Plan,
+    describe,
+    read_experiment,
+    session_name,
+    write_experiment,
+)
+from psafit.inference.candidate import optimised
+from psafit.inference.problem import Problem
+from psafit.inference.summary import by_session
+from psafit.observables import CONTACT_TIME, DISPLACEMENT, LAUNCH_RANGE, LAUNCH_SPEED, OBSERVABLES
+from psafit.physics import TERMS, terms
+from psafit.simulate import Design, readings
+
+LASER = (("launch_speed_mm_s", "laser"),)
+BOTH = HEADER.replace("launch_range_um", "launch_speed_mm_s,launch_range_um") + "1200,2,0.4,0.37\n1200,20,80,76.0\n"
+
+
+def with_instruments(folder: Path, lines: str = 'launch_speed_mm_s = "laser"') -> Path:
+    return write(folder, f"{TOML}\n[instruments]\n{lines}\n", a=BOTH)
+
+
+def test_instruments_are_read_written_and_part_of_the_data(tmp_path: Path) -> None:
+    plain = read_experiment(write(tmp_path / "plain", a=BOTH))
+    experiment = read_experiment(with_instruments(tmp_path / "named"))
+    assert experiment.instruments == LASER and plain.instruments == ()
+    assert experiment.fingerprint != plain.fingerprint
+    assert describe(experiment)["instruments"] == dict(LASER) and "instruments" not in describe(plain)
+    # As its definition stands, and as it is written anew under another title.
+    for k, given in enumerate((experiment, replace(experiment, title="another"))):
+        write_experiment(given, tmp_path / str(k))
+        again = read_experiment(tmp_path / str(k))
+        assert (again.instruments, again.fingerprint) == (LASER, experiment.fingerprint)
+
+
+def test_check_says_which_column_has_an_instrument(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    check.main([str(with_instruments(tmp_path / "named"))], standalone_mode=False)
+    said = "launch_speed_mm_s is read by laser, which has a gain of its own (reading_gain)"
+    assert said in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("lines", "what"),
+    [
+        ('launch_speed = "laser"', "nothing is read as 'launch_speed'"),
+        ('launch_speed_mm_s = "the laser"', "'the laser' is no name of an instrument"),
+        ("launch_speed_mm_s = 3", "is no name of an instrument"),
+    ],
+)
+def test_what_is_no_column_or_no_name_is_refused(tmp_path: Path, lines: str, what: str) -> None:
+    error = refusal(with_instruments(tmp_path / "named", lines))
+    assert what in error.what and error.line == TOML.count("\n") + 3
+
+
+def read_of(known: Experiment, kind: int, rows: slice, first: bool) -> Experiment:
+    """The first two groups, the first with readings of another observable before or behind its ranges."""
+    ranges = known.groups[0]
+    more = ranges.at(rows)
+    order = (more, ranges) if first else (ranges, more)
+    joined = {
+        name: np.concatenate([getattr(g, name) for g in order])
+        for name in ("frequency_hz", "amplitude_v", "reading", "row")
+    }
+    measured = np.concatenate([np.full(g.n_points, kind if g is more else 0) for g in order])
+    both = replace(ranges, **joined, measured=measured)
+    return replace(known, groups=(both, known.groups[1]))
+
+
+def named(experiment: Experiment, instruments: tuple[tuple[str, str], ...]) -> Experiment:
+    return replace(experiment, groups=tuple(replace(g, instruments=instruments) for g in experiment.groups))
+
+
+@pytest.mark.parametrize("first", [False, True], ids=["behind", "before"])
+def test_each_instrument_has_its_gain_in_each_session(known: Experiment, first: bool) -> None:
+    """Whichever observable of a launch stands first in the file."""
+    speed = OBSERVABLES.index(LAUNCH_SPEED)
+    experiment = named(read_of(known, speed, slice(2, 9), first), LASER)
+    problem = Problem(experiment, (1, 2), terms(["reading_gain"]))
+    readers = Occasions.of(experiment.groups).readers
+    assert {*readers} == {1, "1 laser", 2} and problem.n_physical == 4 and problem.n_dim == len(problem.blocks)
+    z = {1: 1.0, "1 laser": -2.0, 2: 0.5}
+    x = problem.to_physical(problem.medians)[None]
+    values = {"reading_gain_spread": 0.2} | {session_name("reading_gain_z", id): z[id] for id in readers}
+    x[0, [problem.names.index(name) for name in values]] = [*values.values()]
+    plain = Problem(experiment, (1, 2))
+    level = plain.predict(plain.medians[None])[0]
+    of = [z["1 laser" if k == speed else 1] for k in experiment.groups[0].measured] + [z[2]] * experiment.groups[
+        1
+    ].n_points
+    assert problem.predict(problem.to_sampling(x))[0] == pytest.approx(level * np.exp(0.2 * np.array(of)), rel=1e-9)
+    found = {(g.id, problem.named_for(t, g)[1]): float(gain[0]) for t, _, g, gain in by_session(problem, x)}
+    gains = {(1, None): 1.0, (1, "laser"): -2.0, (2, None): 0.5}
+    assert found == {where: pytest.approx(np.exp(0.2 * own)) for where, own in gains.items()}
+
+
+def test_a_lean_is_one_for_all_that_is_read_of_a_launch(known: Experiment) -> None:
+    experiment = named(read_of(known, OBSERVABLES.index(LAUNCH_SPEED), slice(2, 9), False), LASER)
+    problem = Problem(experiment, (1, 2), terms(["session_lean", "reading_gain"]))
+    latents = [name for name in problem.names if "_z_" in name]
+    assert sum(name.startswith("session_lean") for name in latents) == 2 and len(latents) == 5
+    rows = problem.to_physical(problem.medians)[None]
+    leans = [problem.named_for(t, g) for t, _, g, _ in by_session(problem, rows) if t.id == "session_lean"]
+    assert leans == [(None, None), (None, None)]
+
+
+@pytest.mark.parametrize("ids", [("reading_gain",), ("session_lean", "reading_gain"), ("gap", "reading_gain")], ids=str)
+def test_the_reference_reads_instruments_as_the_simulator_does(ids: tuple[str, ...]) -> None:
+    """Speeds before ranges of the same launches, a trace of a third instrument, and another session."""
+    f, v = np.geomspace(300, 5e3, 3), np.full(3, 20.0)
+    kinds = [OBSERVABLES.index(o) for o in (LAUNCH_SPEED, LAUNCH_RANGE, CONTACT_TIME)]
+    instruments = (*LASER, ("displacement_um", "vibrometer"))
+    both = Conditions(
+        1, "sine", "1.csv", np.tile(f, 3), np.tile(v, 3), measured=np.repeat(kinds, 3),
+        session="day", instruments=instruments,
+    )  # fmt: skip
+    trace = Conditions(
+        "t", "sine", "t.csv", np.full(3, 900.0), v, measured=np.full(3, OBSERVABLES.index(DISPLACEMENT)),
+        time_us=np.array([100.0, 400.0, 900.0]), session="day", instruments=instruments,
+    )  # fmt: skip
+    groups = [both, replace(both, id=2, session=None), trace]
+    design, chosen, occasions = Design.of(RIG, groups), terms(ids), Occasions.of(groups)
+    assert design.counts == (2, 5) and len(occasions.readers) == 5
+    own: dict[str, tuple[float, ...]] = {"reading_gain": (0.2,), "session_lean": (3e-3, 0.4), "gap": (2e-7,)}
+    row, values = TRUTH.tolist(), dict(zip(("k_c", "c_s", "c_c"), TRUTH.tolist(), strict=True))
+    free = itertools.count(1)
+    for term in chosen:
+        given = dict(zip((p.name for p in term.parameters), own[term.id], strict=True))
+        there = getattr(occasions, term.per) if term.latent else ()
+        given |= {session_name(term.latent.name, id): 0.3 * (-1) ** k * k for id in there for k in [next(free)]}
+        values |= given
+        row += [*given.values()]
+    fast = readings(design, row, chosen, tolerance=1e-9)[0]
+    assert fast == pytest.approx(simulate_literally(design, values, chosen, *occasions), rel=1e-6, abs=1e-9)
+
+
+def test_a_name_for_all_that_is_read_changes_no_prediction(known: Experiment) -> None:
+    """One instrument is one, with or without a name."""
+    ids, named_ = (1, 2), named(known, ((LAUNCH_RANGE.column, "camera"),))
+    problems = [Problem(e, ids, terms(["reading_gain"])) for e in (known, named_)]
+    u = np.random.default_rng(0).normal(0.0, 0.1, (5, problems[0].n_dim)) + problems[0].medians
+    one, other = (p.predict(np.clip(u, *p.bounds.T)) for p in problems)
+    assert np.array_equal(one, other)
+
+
+def test_gains_that_two_instruments_may_have_are_no_riddle(known: Experiment) -> None:
+    """A sweep twice, the second time with ranges by a third higher and speeds as they were."""
+    speed = OBSERVABLES.index(LAUNCH_SPEED)
+    (first, _), level = read_of(known, speed, slice(0, None), False).groups, 1.02
+    more = np.where(first.measured == speed, level, 4 / 3)
+    twice = replace(known, groups=(first, replace(first, id=2, reading=first.reading * more)))
+    for instruments, asked in (((), True), (LASER, False)):
+        problem = Problem(named(twice, instruments), (1, 2))
+        found = offsets(optimised(problem, problem.medians[None]))
+        assert [o.instrument for o in found] == [None, dict(instruments).get("launch_speed_mm_s")]
+        sharp = [replace(o, lower=o.factor * 0.99, upper=o.factor * 1.01) for o in found]
+        assert isinstance(sharp[0], Offset) and (unlike(sharp, TERMS, 0.05) is not None) == asked
+
+
+def test_an_instrument_in_a_session_to_come_is_drawn(known: Experiment) -> None:
+    """What the second session's laser has is not taken over from the first session's."""
+    experiment = named(read_of(known, OBSERVABLES.index(LAUNCH_SPEED), slice(2, 9), False), LASER)
+    problem = Problem(experiment, (2,), terms(["reading_gain"]))
+    u = np.tile(problem.medians, (400, 1))
+    u[:, 3] = problem.to_sampling(np.array([*problem.to_physical(u[0])[:3], 0.3, *problem.to_physical(u[0])[4:]]))[3]
+    read = np.log(problem.predict(u, (1,), np.random.default_rng(1)))
+    speeds = experiment.groups[0].measured > 0
+    gains = read[:, ~speeds][:, 0], read[:, speeds][:, 0]
+    assert abs(np.corrcoef(gains)[0, 1]) < 0.2 and np.std(gains, axis=1) == pytest.approx([0.3, 0.3], rel=0.15)
+    plan = Plan(RIG, experiment.groups, ())
+    assert Occasions.of(plan.groups).readers == (1, "1 laser", 2)
