@@ -35,6 +35,7 @@ from psafit.cli.common import (
 from psafit.text import fixed, set_name
 
 if TYPE_CHECKING:
+    from psafit.diagnose.answer.statement import Statement
     from psafit.diagnose.record import Diagnosis
     from psafit.diagnose.record.models import CauseResult
     from psafit.parameters import Belief
@@ -172,14 +173,21 @@ def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: in
     It lists the models that are reported and the baseline; of the others none below the probability `least`, and only
     while it has fewer than `most`.
     """
+    from psafit.cli.terminal_words import TERMINAL
     from psafit.diagnose.answer import answer
     from psafit.diagnose.answer.findings import Sizes
-    from psafit.diagnose.words import PLAIN
 
     click.echo(result.headline)
-    for statement in answer(result, beliefs):
-        if not isinstance(statement, Sizes):  # they stand in the table
-            click.echo(f"  {statement.say(PLAIN)}")
+    said = [s for s in answer(result, beliefs) if not isinstance(s, Sizes)]  # they stand in the table
+    more = [s for s in said if s.topic in ("besides", "detail", "searched")]
+
+    def say(statement: Statement) -> None:
+        lines = (line.rstrip() for line in f"  {statement.say(TERMINAL)}".splitlines())
+        click.echo("\n".join(filter(None, lines)))
+
+    for statement in said:
+        if statement not in more:
+            say(statement)
     given_named = result.mostly_unnamed or result.verdict == "unexplained"
     if given_named:
         click.echo("  if the truth were in the catalogue:")
@@ -203,6 +211,9 @@ def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: in
             click.echo(f"           {line}")
     for place in result.misfit.where[:5]:
         click.echo(f"  baseline, {place.text}")
+    click.echo("what these readings say besides:")
+    for statement in more:
+        say(statement)
     if not result.numerics.converged:
         click.echo(f"  {unresolved(result.numerics.error, result.numerics.required)}")
     for run in result.extension.values():

@@ -43,6 +43,10 @@ class Words:
         """Return items with a separator between them."""
         return by.join(map(str, items))
 
+    def choices(self, items: Sequence[object]) -> str:
+        """Return ``a; or b; or c.``, of what excludes each other; the end of a sentence."""
+        return self.put("{}.", self.joined("; or ", items))
+
     def number(self, text: str) -> str:
         """Return a number, perhaps with its unit, that is text already."""
         return text

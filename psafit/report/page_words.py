@@ -36,6 +36,9 @@ class PageWords(Words):
     def joined(self, by: str, items: Iterable[object]) -> str:
         return Markup(by).join(items)  # type: ignore[arg-type]
 
+    def choices(self, items: Sequence[object]) -> str:
+        return Markup("").join(Markup('<span class="choice">{}</span>').format(item) for item in items)
+
     def number(self, text: str) -> str:
         return typeset(text.replace("+-", "±").replace("<=", "≤").replace(" %", f"{NBSP}%").replace(" V", f"{NBSP}V"))
 

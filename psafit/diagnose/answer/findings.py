@@ -236,13 +236,13 @@ class Named(Statement):
                 return words.put("{} is most probable, but only by its priors.{}{}{}", what, likely, no, rest)
             held = [id for id in self.causes if all(id in r.causes for r in tied)]
             sure = words.put(", all with {}", words.causes(held)) if held else ""
-            rivals = words.joined("; or ", _first(self._in_words(tied, words)))
+            rivals = _first(self._in_words(tied, words))
             if all(r.times is not None and r.times / (1 + r.times) >= CREDIBLE for r in tied):
-                how = "{} is far more probable than any other set, but is named alone only from {} on. The next{}: {}."
-                sure = sure if len(tied) > 1 else ""
-                return words.put(how + "{}{}{}", what, words.per_cent(CREDIBLE), sure, rivals, likely, no, rest)
-            how = "These readings cannot decide between {} sets of causes{}: {}; or {}.{}{}{}"
-            return words.put(how, len(tied) + 1, sure, what, rivals, likely, no, rest)
+                how = "{} is far more probable than any other set, but is named alone only from {} on. The next{}: {}"
+                sure, next_ones = sure if len(tied) > 1 else "", words.choices(rivals)
+                return words.put(how + "{}{}{}", what, words.per_cent(CREDIBLE), sure, next_ones, likely, no, rest)
+            how = "These readings cannot decide between {} sets of causes{}: {}{}{}{}"
+            return words.put(how, len(tied) + 1, sure, words.choices([what, *rivals]), likely, no, rest)
         if not self.causes:
             looked = "that was looked at" if self.restricted else "of the catalogue"
             how = "No cause {} stands out that would explain what these readings show.{}"
