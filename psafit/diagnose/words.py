@@ -81,6 +81,10 @@ class Words:
             return self.put("these without {}", self.causes(gone))
         return self.put("{} in the place of {}", self.causes(new), self.causes(gone))
 
+    def named_before(self, ids: Sequence[str], large: int = 3) -> str:
+        """Return the set that an answer names first: by its causes, if they are fewer than `large`."""
+        return self.causes(ids) if len(ids) < large else self.put("the set named first")
+
     def nats(self, value: float) -> str:
         """Return nats with one digit behind the point."""
         return self.number(f"{fixed(value, 1)} nats")

@@ -12,8 +12,9 @@ from diagnoses_by_hand import make_experiment, make_record
 from psafit.diagnose.answer import answer, sentences
 from psafit.diagnose.answer.besides import BySession, Furthest, Indistinct, Lagging, Redefined, Room, TooWeak
 from psafit.diagnose.answer.findings import GainsDiffer, Implausible, Judged, Kind, Named, Replaced, Rival, Sizes
-from psafit.diagnose.answer.grounds import ByChance, OneGroup, Searched
+from psafit.diagnose.answer.grounds import ByChance, LivesOn, OneGroup, Searched
 from psafit.diagnose.answer.worth import Gained
+from psafit.diagnose.influence import Carried
 from psafit.diagnose.misfit import Coincidence
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.record.models import Counted, ParameterResult, SessionResult, Without
@@ -311,6 +312,21 @@ def test_heavy_tails_are_reported_with_the_readings_that_they_take_up() -> None:
         (furthest,) = of(replace(record(), causes=[wide]), Furthest)
         assert (furthest.tails == ends) == reported
         assert ("heavy tails (nu 2.1 to 3.4, 90 %)" in furthest.say(PLAIN)) == reported
+
+
+def test_a_large_set_is_named_once() -> None:
+    """What follows calls it the set named first."""
+    for ids, called in ((["gap", "preload"], "gap + preload"), (["gap", "preload", "adhesion"], "the set named first")):
+        text = Furthest(ids, record().misfit.baseline.furthest, 0, None).say(PLAIN)
+        assert text.startswith(f"Furthest from {called}: ")
+        assert f"added to {called} and refitted" in Room(ids, "hysteresis", 0.1, [], 3, None).say(PLAIN)
+
+
+def test_what_carries_several_causes_is_one_sentence() -> None:
+    found = [Carried("gap", [], 9.0, 7, [(1, 3.0), (2, 3.0)]), Carried("preload", [], 9.0, 8, [(2, 6.0), (1, 3.0)])]
+    assert LivesOn(found, 92).say(PLAIN) == (
+        "Half of what speaks for gap comes from 7 of the 92 readings; for preload from 8, most in group 2."
+    )
 
 
 def test_why_tests_that_pass_do_not_make_a_baseline_adequate() -> None:

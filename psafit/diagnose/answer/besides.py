@@ -110,7 +110,7 @@ class Furthest(Statement):
             )
             for r in self.readings
         )  # fmt: skip
-        text = words.put("Furthest from {}: {}.", words.causes(self.causes), words.joined("; ", far))
+        text = words.put("Furthest from {}: {}.", words.named_before(self.causes), words.joined("; ", far))
         beyond = f" {self.odd} reading{' is' if self.odd == 1 else 's are'} off by more than four standard deviations."
         text = words.put("{}{}", text, beyond if self.odd else "")
         if self.tails is None:
@@ -160,7 +160,7 @@ class TooWeak(Statement):
             words.listed(sized(words, name, p) for name, p in c.parameters.items()),
             words.number(significant(max(c.odds, 1 / c.odds), 2)),
             "as probable as" if c.odds >= 1 else "less probable than",
-            words.causes(self.adopted),
+            words.named_before(self.adopted),
             "" if c.by_readings is None or c.odds < 1 else words.put(
                 ": the readings give a factor of {}, and what is expected of such rigs {}",
                 *(words.number(significant(x, 2)) for x in (c.by_readings, c.odds / c.by_readings)),
@@ -261,7 +261,7 @@ class Room(Statement):
             "The most that these readings leave to a further cause: {} changes a reading{} by up to {} (95 % limit),"
             " added to {} and refitted. Of {}, {} could be bounded{}.",
             words.cause(self.cause), words.put(" ({})", where) if where else "",
-            words.fraction(max(self.share, self.least)), words.causes(self.adopted),
+            words.fraction(max(self.share, self.least)), words.named_before(self.adopted),
             count(self.of, "other cause" if self.adopted else "cause"), self.of - len(self.unbounded),
             free if self.unbounded else "",
         )  # fmt: skip

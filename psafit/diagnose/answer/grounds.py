@@ -53,9 +53,11 @@ class LivesOn(Statement):
             alone = len(cause.groups) == 1 or nats <= 0.5 * cause.total
             return "" if alone else words.put(", most in {}", words.groups([group]))
 
-        how = "Half of what speaks for {} comes from {} of the {} readings{}."
-        each = (words.put(how, words.cause(c.cause), c.half, self.readings, most(c)) for c in self.causes)
-        return words.joined(" ", each)
+        first, *others = self.causes
+        how = "Half of what speaks for {} comes from {} of the {} readings{}"
+        text = words.put(how, words.cause(first.cause), first.half, self.readings, most(first))
+        more = (words.put("for {} from {}{}", words.cause(c.cause), c.half, most(c)) for c in others)
+        return words.put("{}.", words.joined("; ", [text, *more]))
 
 
 @dataclass(frozen=True)
