@@ -29,7 +29,7 @@ from psafit.challenge.conditions import ConditionSettings
 from psafit.challenge.hide import make, simulate_literally
 from psafit.challenge.oracle import Oracle, consult, truth_of
 from psafit.challenge.strength import enough
-from psafit.experiment import Constants, Experiment, Group, fingerprint, read_experiment, session_name
+from psafit.experiment import Constants, Experiment, Group, Occasions, fingerprint, read_experiment, session_name
 from psafit.files import write_atomically
 from psafit.inference.candidate import fit
 from psafit.inference.problem import Problem
@@ -362,7 +362,7 @@ def hidden(
         quick = _read(conditions, quick_um, truth, noise)
         if not _shows(quick, answer_of(quick_um), least, most, each):
             continue
-        true_um = simulate_literally(design, truth.values, truth.causes, conditions.ids)
+        true_um = simulate_literally(design, truth.values, truth.causes, Occasions.of(conditions.groups))
         experiment = _read(conditions, true_um, truth, noise)
         answer = answer_of(true_um)
         oracle = consult(experiment, answer, seed=1)

@@ -86,7 +86,7 @@ def readings(one: Surprise, seed: int) -> Experiment:
     contact = WEAK if one.cause == "reading_offset" else CONTACT
     values = contact | {name: value for _, pairs in one.hidden for name, value in pairs}
     design = Design.of(constants, study.groups)
-    true = simulate_literally(design, values, chosen, study.ids)
+    true = simulate_literally(design, values, chosen, study.occasions)
     rng = np.random.default_rng(seed)
     read = np.maximum(true + np.hypot(0.05 * true, 0.1) * rng.standard_normal(true.size), 0.0)
     groups = read_as(study.groups, np.round(read, 2))

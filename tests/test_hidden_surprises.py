@@ -14,6 +14,7 @@ from psafit.challenge.hide import simulate_literally
 from psafit.challenge.score import reported_set
 from psafit.diagnose import diagnose
 from psafit.diagnose.settings import Settings
+from psafit.experiment import Occasions
 from psafit.physics import owner, terms
 from psafit.simulate import Design
 
@@ -33,7 +34,8 @@ def test_an_implausible_strength_is_named_and_flagged(
     cause = owner(name)
     assert cause
     plan = blank(20)
-    true = simulate_literally(Design.of(plan.constants, plan.groups), values | {name: hidden}, terms([cause]), plan.ids)
+    design, occasions = Design.of(plan.constants, plan.groups), Occasions.of(plan.groups)
+    true = simulate_literally(design, values | {name: hidden}, terms([cause]), occasions)
     scatter = np.hypot(0.05 * true, 0.1) * np.random.default_rng(1).standard_normal(true.size)
     experiment = plan.with_readings(np.round(np.maximum(true + scatter, 0.0), 2))
     catalogue = terms(["amplifier_lag", "flight_friction", "preload", "adhesion"])

@@ -5,14 +5,17 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from folders import HEADER, TOML, refusal, write
 from rigs import RIG, TRUTH
 
-from psafit.challenge.hide import simulate_literally
+from psafit.challenge.hide import make, simulate_literally
 from psafit.cli.fitting import check
+from psafit.cli.simulating import completed, of_sessions
 from psafit.diagnose.show import Offset, offsets, unlike
 from psafit.experiment import (
     Conditions,
@@ -29,7 +32,10 @@ from psafit.inference.problem import Problem
 from psafit.inference.summary import by_session
 from psafit.observables import CONTACT_TIME, DISPLACEMENT, LAUNCH_RANGE, LAUNCH_SPEED, OBSERVABLES
 from psafit.physics import TERMS, terms
+from psafit.records import SessionSummary, plain
 from psafit.simulate import Design, readings
+from psafit.simulate.sensitivity import sets_with
+from psafit.validate import intervals
 
 LASER = (("launch_speed_mm_s", "laser"),)
 BOTH = HEADER.replace("launch_range_um", "launch_speed_mm_s,launch_range_um") + "1200,2,0.4,0.37\n1200,20,80,76.0\n"
@@ -53,9 +59,12 @@ def test_instruments_are_read_written_and_part_of_the_data(tmp_path: Path) -> No
 
 
 def test_check_says_which_column_has_an_instrument(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    check.main([str(with_instruments(tmp_path / "named"))], standalone_mode=False)
-    said = "launch_speed_mm_s is read by laser, which has a gain of its own (reading_gain)"
-    assert said in capsys.readouterr().out
+    lines = 'launch_speed_mm_s = "laser"\nlaunch_range_um = "Laser"\npeak_force_n = "sensor"'
+    check.main([str(with_instruments(tmp_path / "named", lines))], standalone_mode=False)
+    out, err = capsys.readouterr()
+    assert "  instrument laser: launch speeds\n" in out
+    assert "sensor is to read peak_force_n, which no group has" in err
+    assert "laser and Laser count as different instruments" in err
 
 
 @pytest.mark.parametrize(
@@ -69,6 +78,25 @@ def test_check_says_which_column_has_an_instrument(tmp_path: Path, capsys: pytes
 def test_what_is_no_column_or_no_name_is_refused(tmp_path: Path, lines: str, what: str) -> None:
     error = refusal(with_instruments(tmp_path / "named", lines))
     assert what in error.what and error.line == TOML.count("\n") + 3
+
+
+def test_what_no_group_reads_and_the_order_of_the_lines_are_no_data(tmp_path: Path) -> None:
+    lines = (
+        'launch_speed_mm_s = "laser"\nlaunch_range_um = "camera"',
+        'launch_range_um = "camera"\nlaunch_speed_mm_s = "laser"',
+    )
+    found = [read_experiment(with_instruments(tmp_path / str(k), text)).fingerprint for k, text in enumerate(lines)]
+    more = read_experiment(with_instruments(tmp_path / "more", lines[0] + '\nvelocity_mm_s = "laser"'))
+    assert {*found, more.fingerprint} == {found[0]}
+
+
+def test_a_definition_with_other_instruments_is_written_anew(tmp_path: Path) -> None:
+    experiment = read_experiment(with_instruments(tmp_path / "named"))
+    write_experiment(named(experiment, ()), tmp_path / "again")
+    assert read_experiment(tmp_path / "again").instruments == ()
+    mixed = replace(experiment, groups=(experiment.groups[0], replace(experiment.groups[1], instruments=())))
+    with pytest.raises(ValueError, match="groups of one experiment name different instruments"):
+        write_experiment(mixed, tmp_path / "mixed")
 
 
 def read_of(known: Experiment, kind: int, rows: slice, first: bool) -> Experiment:
@@ -149,7 +177,7 @@ def test_the_reference_reads_instruments_as_the_simulator_does(ids: tuple[str, .
         values |= given
         row += [*given.values()]
     fast = readings(design, row, chosen, tolerance=1e-9)[0]
-    assert fast == pytest.approx(simulate_literally(design, values, chosen, *occasions), rel=1e-6, abs=1e-9)
+    assert fast == pytest.approx(simulate_literally(design, values, chosen, occasions), rel=1e-6, abs=1e-9)
 
 
 def test_a_name_for_all_that_is_read_changes_no_prediction(known: Experiment) -> None:
@@ -175,15 +203,76 @@ def test_gains_that_two_instruments_may_have_are_no_riddle(known: Experiment) ->
         assert isinstance(sharp[0], Offset) and (unlike(sharp, TERMS, 0.05) is not None) == asked
 
 
-def test_an_instrument_in_a_session_to_come_is_drawn(known: Experiment) -> None:
+def test_an_instrument_in_a_session_to_come_is_drawn(known: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the second session's laser has is not taken over from the first session's."""
     experiment = named(read_of(known, OBSERVABLES.index(LAUNCH_SPEED), slice(2, 9), False), LASER)
     problem = Problem(experiment, (2,), terms(["reading_gain"]))
-    u = np.tile(problem.medians, (400, 1))
-    u[:, 3] = problem.to_sampling(np.array([*problem.to_physical(u[0])[:3], 0.3, *problem.to_physical(u[0])[4:]]))[3]
-    read = np.log(problem.predict(u, (1,), np.random.default_rng(1)))
-    speeds = experiment.groups[0].measured > 0
-    gains = read[:, ~speeds][:, 0], read[:, speeds][:, 0]
+    x = np.tile(problem.to_physical(problem.medians), (400, 1))
+    x[:, problem.names.index("reading_gain_spread")] = 0.3
+    u, rng = problem.to_sampling(x), np.random.default_rng(1)
+    speeds, filled = experiment.groups[0].measured > 0, experiment.groups[0].filled()
+    assert filled.instruments == LASER
+    monkeypatch.setattr("psafit.validate.some_draws", lambda run, n: u)
+    run: Any = SimpleNamespace(problem=problem, fit=SimpleNamespace(seed=1))
+    low, high = intervals(run, Plan(RIG, (filled,), ()))
+    assert low.size == filled.n_points and (np.log(high / low) > 0.8).all()
+    found = np.log(problem.predict(u, (1,), rng))
+    gains = found[:, ~speeds][:, 0], found[:, speeds][:, 0]
     assert abs(np.corrcoef(gains)[0, 1]) < 0.2 and np.std(gains, axis=1) == pytest.approx([0.3, 0.3], rel=0.15)
+
+
+def all_read(known: Experiment) -> Experiment:
+    """Ranges, speeds and contact times of the first group."""
+    speeds, times = (
+        read_of(known, OBSERVABLES.index(o), slice(0, None), False).groups[0] for o in (LAUNCH_SPEED, CONTACT_TIME)
+    )
+    late = times.at(times.measured > 0)
+    names = ("frequency_hz", "amplitude_v", "reading", "row", "measured")
+    joined = {name: np.concatenate([getattr(speeds, name), getattr(late, name)]) for name in names}
+    return replace(known, groups=(replace(speeds, **joined), known.groups[1]))
+
+
+@pytest.mark.parametrize(
+    "instruments",
+    [(*LASER, ("launch_range_um", "camera")), (*LASER, ("contact_time_us", "scope")), LASER],
+    ids=["two named", "a scope", "the laser alone"],
+)
+def test_what_no_gain_changes_has_none(known: Experiment, instruments: tuple[tuple[str, str], ...]) -> None:
+    """Whatever else has a name: ranges and speeds have a gain each, contact times have none."""
+    (gain,), experiment = terms(["reading_gain"]), named(all_read(known), instruments)
+    problem = Problem(experiment, (1,), (gain,))
+    assert sum("_z_" in name for name in problem.names) == 2
+    assert len([*by_session(problem, problem.to_physical(problem.medians)[None])]) == 2
+    sets = sets_with(gain, problem.design, TRUTH, [0.1])
+    found = readings(problem.design, sets, [gain])
+    assert len(sets) == 3 and (np.ptp(found, axis=0) > 0).tolist() == (problem.design.measured < 2).tolist()
+    assert np.isfinite(problem.predict(problem.medians[None])).all()
+
+
+def test_a_run_of_other_instruments_is_of_another_session(known: Experiment) -> None:
+    experiment, (gain,) = named(all_read(known), LASER), terms(["reading_gain"])
+    laser = session_name("reading_gain_z", "1 laser")
+    medians = {"k_c": 1e6, "reading_gain_spread": 0.1, laser: 1.5, "reading_gain_z_1": -0.5}
+    for instruments, kept in ((LASER, True), ((("launch_speed_mm_s", "vibrometer"),), False), ((), False)):
+        plan = Plan(RIG, named(experiment, instruments).groups, ())
+        found = of_sessions(plan, (gain,), medians, experiment.groups, True)
+        assert (laser in found or instruments != LASER) and ("reading_gain_z_1" in found) == kept
     plan = Plan(RIG, experiment.groups, ())
-    assert Occasions.of(plan.groups).readers == (1, "1 laser", 2)
+    assert laser in completed(plan, (gain,), {"reading_gain_spread": 0.1}, {}, seed=3)
+
+
+def test_records_say_which_instrument(tmp_path: Path) -> None:
+    found = SessionSummary("reading_gain", 1, "a session's gain", "1", 1.0, 0.9, 1.1, "day", "laser")
+    assert found.where == "session day (laser)" and replace(found, instrument=None).where == "session day"
+    assert plain(found)["instrument"] == "laser" and "instrument" not in plain(replace(found, instrument=None))
+
+
+def test_a_reading_without_a_latent_counts_sessions() -> None:
+    (gain,) = terms(["reading_gain"])
+    assert (gain.per, replace(gain, latent=None, of_session=None).per) == ("readers", "sessions")
+
+
+def test_a_challenge_has_the_instruments_of_its_conditions(known: Experiment, tmp_path: Path) -> None:
+    experiment = named(read_of(known, OBSERVABLES.index(LAUNCH_SPEED), slice(0, None), False), LASER)
+    answer = make(1, tmp_path / "a", design_of=experiment, terms=["reading_gain"], strength=30.0).answer
+    assert len([name for name in answer.parameters if "_z_" in name]) == 3

@@ -19,6 +19,7 @@ from psafit.experiment import (
     Experiment,
     Group,
     GroupId,
+    Occasions,
     Plan,
     describe,
     read_experiment,
@@ -133,7 +134,7 @@ def test_the_reference_reads_sessions_as_the_simulator_does(ids: tuple[str, ...]
         values |= dict(given) | latent
         row += [*own[term.id], *latent.values()]
     fast = readings(design, row, chosen, tolerance=1e-9)[0]
-    assert fast == pytest.approx(simulate_literally(design, values, chosen, sessions), rel=1e-6, abs=1e-9)
+    assert fast == pytest.approx(simulate_literally(design, values, chosen, Occasions.of(groups)), rel=1e-6, abs=1e-9)
 
 
 def twins(known: Experiment, session: GroupId | None) -> Experiment:

@@ -34,7 +34,7 @@ from psafit.challenge.answer import (
 )
 from psafit.challenge.conditions import ConditionSettings, drawn, nameless, summary
 from psafit.errors import InputError
-from psafit.experiment import Experiment, GroupId, Occasions, fingerprint, session_name, write_experiment
+from psafit.experiment import Experiment, Occasions, fingerprint, write_experiment
 from psafit.inference import noise
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Motion, Observable
 from psafit.parameters import Parameter
@@ -42,6 +42,7 @@ from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
 from psafit.physics.term import ReferenceRig, Term
 from psafit.simulate import Design
+from psafit.simulate.design import patterns
 from psafit.simulate.literal import launch_in, motion_in, reference_rig
 from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import Side, share_of
@@ -224,7 +225,7 @@ def _made(
     scatter = _scatter(rng, design, nu, believed, settings)
     truth, true, redraws = _launching(
         lambda: draw_challenge(rng, chosen, design, blank.occasions, scatter, strength, settings.sample),
-        lambda parameters: simulate_literally(design, parameters, chosen, *blank.occasions, jobs=jobs),
+        lambda parameters: simulate_literally(design, parameters, chosen, blank.occasions, jobs=jobs),
         lambda true: strengths.enough(design, true),
         settings,
     )
@@ -350,7 +351,7 @@ def draw_challenge(
         sides.append(strengths.side_of(term, rng))
         own = [_from_prior(p, rng) for p in term.parameters[1:]]
         if term.latent:
-            z = term.latent.prior_quantile(rng.uniform(size=len(getattr(occasions, term.per))))
+            z = term.latent.prior_quantile(rng.uniform(size=len(term.latent_names(occasions))))
             own += [float(x) for x in term.latent.to_physical(z)]
         others.append(own)
     sample = np.unique(np.linspace(0, design.n_points - 1, max(design.n_points // every, 8)).astype(int))
@@ -358,7 +359,7 @@ def draw_challenge(
 
     def launched(causes: Sequence[Term]) -> bool:
         """Whether enough of the sample is, by the values drawn so far."""
-        return strengths.enough(some, simulate_literally(design, values, causes, *occasions, points=sample))
+        return strengths.enough(some, simulate_literally(design, values, causes, occasions, points=sample))
 
     if not launched(()):
         return None
@@ -375,7 +376,7 @@ def draw_challenge(
             reached = reached and found.reached
         share[term.id] = share_of(term, value)
         names = [p.name for p in term.parameters]
-        names += [session_name(term.latent.name, s) for s in getattr(occasions, term.per)] if term.latent else []
+        names += term.latent_names(occasions)
         values.update(zip(names, [value, *own], strict=True))
     if chosen and not launched(chosen):
         return None
@@ -386,8 +387,7 @@ def simulate_literally(
     design: Design,
     parameters: Parameters,
     terms: Sequence[Term],
-    sessions: Sequence[GroupId],
-    readers: Sequence[GroupId] | None = None,
+    occasions: Occasions,
     *,
     edit: Edit | None = None,
     points: NDArray[np.intp] | None = None,
@@ -404,10 +404,8 @@ def simulate_literally(
         Values as `Answer.parameters` has them.
     terms : sequence of Term
         In the registry's order.
-    sessions : sequence of int or str
-        Ids of the design's sessions.
-    readers : sequence of int or str, optional
-        Those of its readers, where an instrument has a name; the sessions by default.
+    occasions : Occasions
+        Those of the design's groups.
     edit : callable, optional
         ``edit(rig, point)``: a last change of the rig of every launch.
     points : (n,) int array, optional
@@ -425,7 +423,6 @@ def simulate_literally(
         Without scatter, each in the unit of its observable; zero where a launch failed.
     """
     chosen = np.arange(design.n_points) if points is None else points
-    occasions = Occasions(tuple(sessions), tuple(sessions if readers is None else readers))
     rigs = _Rigs(design, dict(parameters), tuple(terms), occasions, edit, rtol)
     plain, traced = np.flatnonzero(~design.traced[chosen]), np.flatnonzero(design.traced[chosen])
     read = np.empty(len(chosen))
@@ -509,12 +506,7 @@ class _Rigs:
 
         It reads the launch range if any does: ranges are simulated as they are read.
         """
-        d = self.design
-        columns = np.column_stack([c[chosen] for c in (d.group, d.rig, d.drive, d.frequency, d.amplitude, d.measured)])
-        _, back = np.unique(columns[:, :-1], axis=0, return_inverse=True)
-        order = np.lexsort((columns[:, -1], back.ravel()))
-        _, first = np.unique(back.ravel()[order], return_index=True)
-        return order[first], back.ravel()
+        return patterns(self.design, chosen)
 
     def at(self, i: int) -> tuple[ReferenceRig, Point]:
         """The rig, and the drive, of a point."""
@@ -525,8 +517,7 @@ class _Rigs:
         for term in self.terms:
             own = [values[p.name] for p in term.parameters]
             if term.latent:
-                id = getattr(self.occasions, term.per)[d.occasion(term.per)[i]]
-                own += [values[session_name(term.latent.name, id)]]
+                own += [values[term.latent_names(self.occasions)[d.occasion(term.per)[i]]]]
             causes.append((term, own))
         rig = reference_rig(theta, causes, d.rigs[d.rig[i]])
         if self.edit is not None:
@@ -569,7 +560,7 @@ def _outside(
     jobs: int,
 ) -> tuple[FloatArray, list[Place]]:
     def simulator(edit: Edit) -> FloatArray:
-        return simulate_literally(design, parameters, (), *blank.occasions, edit=edit, jobs=jobs)
+        return simulate_literally(design, parameters, (), blank.occasions, edit=edit, jobs=jobs)
 
     rng = np.random.default_rng([seed, _OUTSIDE])
     changed, places = effect.apply(blank.with_readings(true), true.copy(), simulator, rng)

@@ -75,8 +75,9 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
                 f"  group {group['id']}: {of.drive.label}, {count(group['n_points'], 'reading')}, "
                 f"{spans[0]}, {spans[1]} ({low:g} to {high:g} V), {read}{own}"
             )
-        for column, instrument in content.get("instruments", {}).items():
-            click.echo(f"  {column} is read by {instrument}, which has a gain of its own (reading_gain)")
+        for name in dict.fromkeys(content.get("instruments", {}).values()):
+            titles = [o.titles for o in OBSERVABLES if content["instruments"].get(o.column) == name]
+            click.echo(f"  instrument {name}: {' and '.join(titles)}")
         for known in content["priors"]:
             origin = ", from [rig]" if known["derived"] else ""
             click.echo(f"  prior of {label(known['name'])}{origin}: {known['prior']} ({known['source']})")

@@ -372,11 +372,11 @@ def of_sessions(
 
     A session to come is another one, whatever its id is.
     """
-    from psafit.experiment import Occasions, known_sessions, session_name
+    from psafit.experiment import Occasions, known_sessions
 
     known = known_sessions(plan.groups, measured)
     new = Occasions.of(g for g in plan.groups if g.session_id not in known)
-    theirs = {session_name(t.latent.name, s) for t in terms if t.latent for s in getattr(new, t.per)} & medians.keys()
+    theirs = {name for term in terms for name in term.latent_names(new)} & medians.keys()
     if theirs and not quiet:
         click.echo(
             f"sessions to come, not those of the run: {', '.join(sorted(theirs))} {'drawn' if drawn else '= 0'}",
@@ -415,7 +415,7 @@ def completed(
     """
     import numpy as np
 
-    from psafit.experiment import Occasions, session_name
+    from psafit.experiment import Occasions
     from psafit.experiment.text import did_you_mean, listed
     from psafit.observables import OBSERVABLES
     from psafit.physics import TERMS, informed, owner
@@ -427,12 +427,11 @@ def completed(
         for p in term.parameters:
             wanted[p.name] = (p, None if p is term.strength else p.prior_median)
         if term.latent:
-            ids = getattr(occasions, term.per)
-            own = np.zeros(len(ids))
+            names = term.latent_names(occasions)
+            own = np.zeros(len(names))
             if random is not None:
-                shares = random.uniform(size=len(ids))
+                shares = random.uniform(size=len(names))
                 own = term.latent.to_physical(term.latent.prior_quantile(shares))
-            names = [session_name(term.latent.name, id) for id in ids]
             wanted |= {name: (term.latent, float(z)) for name, z in zip(names, own, strict=True)}
     wanted |= {p.name: (p, p.prior_median) for p in scatter}
     unknown = sorted(asked.keys() - wanted.keys())

@@ -7,7 +7,7 @@ like a wrong unit are kept, and named in `Experiment.warnings`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from psafit.arrays import FloatArray
@@ -16,6 +16,7 @@ from psafit.experiment.definition import DeclaredGroup, Definition
 from psafit.experiment.plausible import (
     copied_groups,
     disagreeing_groups,
+    idle_instruments,
     left_from_example,
     rescaled_groups,
     suspicious_constants,
@@ -124,6 +125,7 @@ def read_experiment(folder: str | Path) -> Experiment:
             *disagreeing_groups(groups),
             *rescaled_groups(groups),
             *traced_together(groups),
+            *idle_instruments(groups),
         ),
     )
 
@@ -212,13 +214,14 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str, list[str]]:
         stated = definition.beliefs()
     with faults.kept():
         rig = definition.rig()
-    groups, instruments = [], tuple[tuple[str, str], ...]()
+    groups = []
+    instruments: tuple[tuple[str, str], ...] = ()
     with faults.kept():
         instruments = definition.instruments()
     with faults.kept():
         for declared in definition.groups(faults):
             with faults.kept():
-                groups.append(replace(_sweep(declared, planned=planned), instruments=instruments))
+                groups.append(_sweep(declared, instruments, planned=planned))
     if len(faults):
         for fault in definition.doubts():
             faults.add(fault)
@@ -228,14 +231,15 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str, list[str]]:
     return plan, source, definition.jumps(groups)
 
 
-def _sweep(declared: DeclaredGroup, *, planned: bool) -> Conditions:
+def _sweep(declared: DeclaredGroup, instruments: tuple[tuple[str, str], ...], *, planned: bool) -> Conditions:
     """A declared group with the columns of its file: a `Group` where there are readings."""
     if declared.traced:
         held = read_trace(declared.path, *declared.traced, planned=planned)
     else:
         held = readings_of(read_csv(declared.path, planned=planned))
     kind = Group if "reading" in held else Conditions
-    return kind(declared.id, declared.drive, declared.file, changed=declared.changed, session=declared.session, **held)
+    held |= {"session": declared.session, "instruments": instruments}
+    return kind(declared.id, declared.drive, declared.file, changed=declared.changed, **held)
 
 
 def _definition(folder: Path) -> Definition:

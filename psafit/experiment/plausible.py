@@ -570,6 +570,22 @@ def _rows(group: Group) -> FloatArray:
     return np.column_stack([group.conditions, group.reading])
 
 
+def idle_instruments(groups: Sequence[Group]) -> list[str]:
+    """One line for each instrument that reads no column of the groups, and for names that differ in case alone."""
+    named = dict(pair for group in groups for pair in group.instruments)
+    read = {o.column for group in groups for o in group.observables}
+    found = [
+        f"{DEFINITION}: {name} is to read {column}, which no group has; is another column meant?"
+        for column, name in named.items() if column not in read
+    ]  # fmt: skip
+    spelt: dict[str, list[str]] = {}
+    for name in dict.fromkeys(named.values()):
+        spelt.setdefault(name.casefold(), []).append(name)
+    twice = [names for names in spelt.values() if len(names) > 1]
+    found += [f"{DEFINITION}: {' and '.join(names)} count as different instruments; is one meant?" for names in twice]
+    return list(map(one_line, found))
+
+
 def disagreeing_groups(groups: Sequence[Group], least: float = 1.37) -> list[str]:
     """One line for each two groups whose readings differ by a factor where they share conditions.
 

@@ -9,7 +9,7 @@ import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,6 +204,12 @@ class Conditions:
         return dict(self.instruments).get(self.observable.column)
 
     @property
+    def named_instruments(self) -> tuple[tuple[str, str], ...]:
+        """Those of the columns that are read here, in the order of the observables."""
+        of = dict(self.instruments)
+        return tuple((o.column, of[o.column]) for o in self.observables if o.column in of)
+
+    @property
     def reader(self) -> GroupId:
         """What reads a group that is one of `parts`: the session, and the instrument where it has a name."""
         return self.session_id if self.instrument is None else f"{self.session_id} {self.instrument}"
@@ -336,9 +342,12 @@ def read_as(groups: Sequence[Conditions], reading: FloatArray) -> tuple[Group, .
 
 
 def is_one_of(group: Conditions, measured: Iterable[Group]) -> bool:
-    """Whether a group is one of those measured, by its id, its session and its very readings."""
-    known = {(g.id, g.session_id, g.reading.tobytes()) for g in measured}
-    return isinstance(group, Group) and (group.id, group.session_id, group.reading.tobytes()) in known
+    """Whether a group is one of those measured, by its id, its session, its instruments and its very readings."""
+
+    def known_by(g: Group) -> tuple[object, ...]:
+        return g.id, g.session_id, g.named_instruments, g.reading.tobytes()
+
+    return isinstance(group, Group) and known_by(group) in set(map(known_by, measured))
 
 
 def known_sessions(groups: Iterable[Conditions], measured: Sequence[Group]) -> frozenset[GroupId]:
@@ -351,7 +360,8 @@ def sessions_of(groups: Iterable[Conditions]) -> tuple[GroupId, ...]:
     return tuple(dict.fromkeys(g.session_id for g in groups))
 
 
-class Occasions(NamedTuple):
+@dataclass(frozen=True)
+class Occasions:
     """When groups were measured, and by what.
 
     Parameters
@@ -361,21 +371,30 @@ class Occasions(NamedTuple):
     readers : tuple of group ids
         The instruments, each in each session that it read in, as `Conditions.reader` names them; where none has a name,
         the sessions.
+    read : tuple of frozenset of str
+        Names of the observables that each of the readers has read.
     """
 
     sessions: tuple[GroupId, ...]
     readers: tuple[GroupId, ...]
+    read: tuple[frozenset[str], ...]
 
     @classmethod
     def of(cls, groups: Iterable[Conditions]) -> Self:
         """Those of some groups."""
-        every = list(groups)
-        return cls(sessions_of(every), tuple(dict.fromkeys(part.reader for g in every for part in g.parts)))
+        every, read = list(groups), dict[GroupId, set[str]]()
+        for part in (part for g in every for part in g.parts):
+            read.setdefault(part.reader, set()).add(part.observable.name)
+        return cls(sessions_of(every), tuple(read), tuple(map(frozenset, read.values())))
 
     @classmethod
     def one(cls, session: GroupId) -> Self:
-        """A session with one instrument."""
-        return cls((session,), (session,))
+        """A session with one instrument, that may read anything."""
+        return cls((session,), (session,), (frozenset(o.name for o in OBSERVABLES),))
+
+    def numbered(self, per: str) -> tuple[GroupId, ...]:
+        """The sessions, or the readers, as a design numbers them; `per` names a field."""
+        return self.sessions if per == "sessions" else self.readers
 
 
 def session_name(name: str, id: GroupId) -> str:
@@ -416,8 +435,11 @@ class Experiment:
 
     @property
     def instruments(self) -> tuple[tuple[str, str], ...]:
-        """Columns that an instrument of their own reads, and its name: those of its groups."""
-        return tuple(dict.fromkeys(pair for group in self.groups for pair in group.instruments))
+        """Columns that an instrument of their own reads, and its name: those of its groups, which have the same."""
+        found = {group.instruments for group in self.groups}
+        if len(found) > 1:
+            raise ValueError("groups of one experiment name different instruments")
+        return next(iter(found), ())
 
     def group(self, group_id: GroupId) -> Group:
         """Return one group.
@@ -472,8 +494,8 @@ class Experiment:
 def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:
     """SHA-256 of the numbers: equal if and only if a run would see the same data.
 
-    It covers the constants and, for each group in order, id, session, drive, changed constants and columns in row order
-    (results are stored row by row). Titles, paths and the way a number is written do not enter.
+    It covers the constants and, for each group in order, id, session, drive, instruments, changed constants and columns
+    in row order (results are stored row by row). Titles, paths and the way a number is written do not enter.
 
     Returns
     -------
@@ -494,7 +516,7 @@ def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:
             )
         if group.session is not None:
             digest.update(f"session={group.session}\n".encode())
-        for of, instrument in group.instruments:
+        for of, instrument in group.named_instruments:
             digest.update(f"instrument={of} {instrument}\n".encode())
         for name, value in group.changed:
             digest.update(f"{name}={value.hex()}\n".encode())

@@ -63,9 +63,9 @@ def _without_reading(candidate: Candidate) -> tuple[tuple[Term, ...], FloatArray
     """The causes that act on the ball, and their parameters as the simulator takes them."""
     problem = candidate.problem
     counts, theta = problem.design.counts, problem.theta(candidate.modes[:1], problem.occasions)[0]
-    row = dict(zip(columns(problem.terms, *counts), theta, strict=True))
+    row = dict(zip(columns(problem.terms, counts), theta, strict=True))
     terms = tuple(t for t in problem.terms if t.slot != "reading")
-    return terms, np.array([row[name] for name in columns(terms, *counts)])
+    return terms, np.array([row[name] for name in columns(terms, counts)])
 
 
 def _carried(ranges: FloatArray, places: FloatArray, candidate: Candidate, settings: LawSettings) -> Iterator[Broken]:
@@ -116,8 +116,8 @@ def _pairs(theta: FloatArray, terms: Sequence[Term], design: Design, i: int) -> 
     pairs = []
     for term, own in zip(terms, own_columns(terms, design.counts), strict=True):
         values = theta[own].tolist()
-        n, at = len(term.parameters), int(design.occasion(term.per)[i])
-        pairs.append((term, [*values[:n], values[n + at]] if term.latent else values))
+        n = len(term.parameters)  # what differs by instrument changes readings alone, and is left out here
+        pairs.append((term, [*values[:n], values[n + int(design.session[i])]] if term.latent else values))
     return pairs
 
 

@@ -136,7 +136,7 @@ class Problem:
             replace(term.latent, name=session_name(term.latent.name, g), description=f"{term.latent.description}, {g}")
             for term in self.terms
             if term.latent
-            for g in getattr(self.occasions, term.per)
+            for g in term.having(self.occasions)
         )
 
     @cached_property
@@ -145,7 +145,7 @@ class Problem:
         n = len(baseline.PARAMETERS)
         causes = [n + k for k, term in enumerate(self.terms) for _ in term.parameters]
         of = ((k, term) for k, term in enumerate(self.terms) if term.latent)
-        latents = [n + k for k, term in of for _ in getattr(self.occasions, term.per)]
+        latents = [n + k for k, term in of for _ in term.having(self.occasions)]
         last = n + len(self.terms)
         return np.array([*range(n), *causes, *latents, *range(last, last + len(self.scatter))])
 
@@ -277,8 +277,8 @@ class Problem:
             blocks.append(x[:, first : first + len(term.parameters)])
             first += len(term.parameters)
             if term.latent:
-                known: tuple[GroupId, ...] = getattr(self.occasions, term.per)
-                for id in getattr(occasions, term.per):
+                known = term.having(self.occasions)
+                for id in occasions.numbered(term.per):
                     if id in known:
                         blocks.append(x[:, [latent + known.index(id)]])
                     else:

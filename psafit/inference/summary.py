@@ -133,12 +133,11 @@ def by_session(problem: Problem, rows: FloatArray) -> Iterator[tuple[Term, OfSes
     for term in problem.terms:
         if not (term.latent and term.of_session):
             continue
-        for id in getattr(problem.occasions, term.per):
-            groups = [g for g in parts if id == (g.session_id if term.per == "sessions" else g.reader)]
-            if term.setup or not {g.observable.name for g in groups}.isdisjoint(term.reads):
-                names = [*(p.name for p in term.parameters), session_name(term.latent.name, id)]
-                columns = [problem.names.index(name) for name in names]
-                yield term, term.of_session, groups[0], term.of_session.value(rows[:, columns])
+        for id in term.having(problem.occasions):
+            first = next(p for p in parts if id == (p.session_id if term.per == "sessions" else p.reader))
+            names = [*(p.name for p in term.parameters), session_name(term.latent.name, id)]
+            columns = [problem.names.index(name) for name in names]
+            yield term, term.of_session, first, term.of_session.value(rows[:, columns])
 
 
 class Summarised(Protocol):

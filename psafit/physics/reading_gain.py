@@ -6,9 +6,9 @@ Each session hangs the ball and aims the laser anew: an angle :math:`\theta` bet
 :math:`\cos\theta`, an impact off the ball's centre sends part of it sideways, a decoder has a calibration. Assumed: one
 gain for a whole session (a group of the experiment, or several that name it), whose spread `s` is to be found; a gain
 common to all is not this cause. Where a drive's amplitude differs by session, whole sessions lie above or below, too: a
-voltmeter at the stack distinguishes the two. One instrument reads the ball's motion in a session: ranges, speeds and
-traces of the ball have the same gain; contact times and forces have none. Where ``[instruments]`` in
-``experiment.toml`` names several, each has a gain of its own in each session.
+voltmeter at the stack distinguishes the two. What one instrument reads of the ball's motion in a session has one gain:
+ranges, speeds and traces of the ball; contact times and forces have none. ``[instruments]`` in ``experiment.toml``
+names others; each has a gain of its own in each session.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from psafit.physics.term import Check, OfSession, ReferenceRig, Symptom, Term
 
 
 def reading(L: FloatArray, p: FloatArray, group: NDArray[np.int64]) -> FloatArray:
-    """Multiply by the session's gain; `p` holds the spread, then one number for each session."""
+    """Multiply by the reader's gain; `p` holds the spread, then one number for each reader."""
     return L * np.exp(p[:, :1] * p[:, 1 + group])
 
 

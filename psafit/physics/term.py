@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.drives import WAVEFORMS, Drive
-from psafit.experiment import Conditions, Constants
+from psafit.experiment import Conditions, Constants, GroupId, Occasions, session_name
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.parameters import Parameter
 
@@ -168,7 +168,8 @@ class ReferenceRig:
     offset_weight : float
         Weight of the ball's place at separation in the swing's energy.
     reading : callable
-        ``reading(L, group)``: what is read, m, of a launch range `L` (m) in session number `group`.
+        ``reading(L, group)``: what is read, m, of a launch range `L` (m) by reader number `group`:
+        by default each session has one.
     readings : dict of str to callable
         The same of other observables, by name, in SI units; what is not there is read as it is.
     frequency, amplitude : float, Hz, V
@@ -331,7 +332,8 @@ class Term:
     swing_offset : callable, optional
         ``swing_offset(p)``: (n_sets,) weights of the ball's place at separation in the swing's energy.
     reading : callable, optional
-        ``reading(L, p, group)``: (n_sets, n_points) ranges, m, as read; `group` (n_points,) numbers the sessions.
+        ``reading(L, p, group)``: (n_sets, n_points) ranges, m, as read; `group` (n_points,) numbers the sessions, and
+        with a `latent` the readers: the instruments, each in each session.
     condition : callable, optional
         ``condition(frequency, amplitude, p)``: (n_sets, n_points) factors on the ranges as read, at each reading's
         drive frequency, Hz, and amplitude, V, (n_points,). It describes what depends on the condition and names no
@@ -340,8 +342,8 @@ class Term:
         Observables whose readings `reading` and `condition` change, each in its SI unit; `literal` then edits
         `ReferenceRig.reading` for one after the other. What reads others than launch ranges does nothing else.
     latent : Parameter, optional
-        One more parameter for every session, appended to `p` in the order of the sessions; to that of `setup`, the one
-        of the session in question.
+        One more parameter for every session, appended to `p` in their order; to that of `setup`, the one of the session
+        in question. Without `setup` there is one for every reader, an instrument in a session.
     of_session : OfSession, optional
         What each session has by it; fits and diagnoses report that.
     redefines : tuple of (str, str)
@@ -460,8 +462,21 @@ class Term:
 
     @property
     def per(self) -> Literal["sessions", "readers"]:
-        """What has a latent value of its own: a session, or, where the cause changes the reading alone, its reader."""
-        return "sessions" if self.setup else "readers"
+        """What has a latent value: each session, or, where the cause changes readings alone, each instrument in it."""
+        return "readers" if self.latent and not self.setup else "sessions"
+
+    def having(self, occasions: Occasions) -> tuple[GroupId, ...]:
+        """The sessions, or the readers, whose latent value does something: those that read what the cause changes."""
+        if self.latent is None:
+            return ()
+        if self.per == "sessions":
+            return occasions.sessions
+        both = zip(occasions.readers, occasions.read, strict=True)
+        return tuple(id for id, read in both if not read.isdisjoint(self.reads))
+
+    def latent_names(self, occasions: Occasions) -> list[str]:
+        """Names of the latent parameters that the simulator takes, one for every session, or reader."""
+        return [session_name(self.latent.name, id) for id in occasions.numbered(self.per)] if self.latent else []
 
     @property
     def stepped(self) -> bool:

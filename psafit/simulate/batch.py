@@ -82,13 +82,11 @@ def launch_range(speed: ArrayLike, length: float, g: float) -> FloatArray:
     return np.sqrt(height * (2 * length - height))
 
 
-def columns(terms: Sequence[Term], n_sessions: int = 1, n_readers: int | None = None) -> list[str]:
+def columns(terms: Sequence[Term], counts: Counts = Counts()) -> list[str]:  # noqa: B008
     """Name the columns of `theta`: the baseline's parameters, then each cause's in the order given.
 
-    A parameter that every session, or reader, has for itself occurs once for each, numbered from 0. By default there
-    are as many readers as sessions.
+    A parameter that every session, or reader, has for itself occurs once for each, numbered from 0.
     """
-    counts = Counts(n_sessions, n_sessions if n_readers is None else n_readers)
     names = [p.name for p in baseline.PARAMETERS]
     for term in terms:
         names += [p.name for p in term.parameters]
@@ -263,7 +261,7 @@ def simulate(
     """
     sets = np.atleast_2d(np.asarray(theta, dtype=float))
     counts = counts or design.counts
-    names = columns(terms, *counts)
+    names = columns(terms, counts)
     if sets.ndim != 2 or sets.shape[1] != len(names):
         raise ValueError(f"theta has shape {np.shape(theta)}, expected (n_sets, {len(names)}): {', '.join(names)}")
     if not (np.isfinite(sets).all() and (sets[:, 0] > 0).all() and (sets[:, 1:3] >= 0).all()):

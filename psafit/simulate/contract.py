@@ -397,7 +397,7 @@ def law_derivatives(cause: Term, rng: np.random.Generator, among: Sequence[Term]
 def rows(cause: Term, strength: float, rng: np.random.Generator, counts: Counts) -> FloatArray:
     """The rigs, and as many draws from the baseline's prior, with the cause at a strength and its others anywhere."""
     thetas = [*RIGS.values(), *([some(p, rng) for p in baseline.PARAMETERS] for _ in RIGS)]
-    latents = len(columns([cause], *counts)) - len(columns([])) - len(cause.parameters)
+    latents = len(columns([cause], counts)) - len(columns([])) - len(cause.parameters)
     others = [[some(p, rng) for p in cause.parameters[1:]] for _ in thetas]
     free = [[some(cause.latent, rng) for _ in range(latents)] if cause.latent else [] for _ in thetas]
     return np.array([[*t, strength, *o, *f] for t, o, f in zip(thetas, others, free, strict=True)])

@@ -188,12 +188,7 @@ class Design:
 
         It reads the launch range if any does: what an instrument does to that is simulated with the launch.
         """
-        of = np.column_stack([self.group, self.rig, self.drive, self.frequency, self.amplitude])
-        order = np.argsort(self.measured, kind="stable")
-        _, first, inverse = np.unique(of[order], axis=0, return_index=True, return_inverse=True)
-        back = np.empty(order.size, np.intp)
-        back[order] = inverse.ravel()
-        return order[first], back
+        return patterns(self, np.arange(self.n_points))
 
     @cached_property
     def traced(self) -> NDArray[np.bool_]:
@@ -292,6 +287,16 @@ class Design:
         drives = tuple(dict.fromkeys([*_USUAL, one]))
         none = np.zeros(f.size, np.int64)
         return cls(constants, none + drives.index(one), f, v, none, drives=drives)
+
+
+def patterns(design: Design, chosen: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """One of some points at each of their conditions, and which of these each is at; it reads ranges, if any does."""
+    of = np.column_stack([design.group, design.rig, design.drive, design.frequency, design.amplitude])[chosen]
+    order = np.argsort(design.measured[chosen], kind="stable")
+    _, first, inverse = np.unique(of[order], axis=0, return_index=True, return_inverse=True)
+    back = np.empty(order.size, np.intp)
+    back[order] = inverse.ravel()
+    return order[first], back
 
 
 def _readers(group: Conditions, occasions: Occasions) -> NDArray[np.int64]:

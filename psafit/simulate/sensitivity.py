@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from psafit.arrays import FloatArray
 from psafit.drives import Drive
 from psafit.experiment import Constants
+from psafit.observables import OBSERVABLES
 from psafit.parameters import Parameter
 from psafit.physics import baseline
 from psafit.physics.term import Term, Trend
@@ -209,16 +210,18 @@ def effect(
 def sets_with(term: Term, design: Design, theta: ArrayLike, values: ArrayLike, share: float = _ONE_UP) -> FloatArray:
     """Parameter sets that have a cause, (n_sets, n_columns): arguments as of `effect`.
 
-    One set; of a cause that every session has for itself the first has all sessions at their medians, and in one more
-    for each session that one has the value at `share`.
+    One set; of a cause that every session (or reader) has for itself the first has all at their medians, and in one
+    more for each that reads what the cause changes that one has the value at `share`.
     """
     sets = np.concatenate([np.asarray(theta, dtype=float), np.asarray(values, dtype=float)])[None, :]
     if not term.latent:
         return sets
     # A spread has no effect by itself: each session in turn lies off the latent's median.
     usual, one = term.latent.to_physical(term.latent.prior_quantile(np.array([0.5, share])))
+    reads = np.isin(design.measured, [k for k, o in enumerate(OBSERVABLES) if o.name in term.reads])
+    shows = np.unique(design.occasion(term.per)[reads | (term.per == "sessions")])
     n = getattr(design.counts, term.per)
-    sessions = np.vstack([np.zeros(n), np.eye(n)]) * (one - usual) + usual
+    sessions = np.vstack([np.zeros(n), np.eye(n)[shows]]) * (one - usual) + usual
     return np.hstack([np.repeat(sets, len(sessions), axis=0), sessions])
 
 

@@ -21,7 +21,7 @@ from psafit.challenge.hide import HideSettings, Outside, make, simulate_literall
 from psafit.challenge.oracle import consult
 from psafit.drives import Drive, Table
 from psafit.errors import InputError
-from psafit.experiment import Experiment, Group, read_experiment, write_experiment
+from psafit.experiment import Experiment, Group, Occasions, read_experiment, write_experiment
 from psafit.inference import noise
 from psafit.inference.problem import Problem
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, TIP_DISPLACEMENT, VELOCITY
@@ -71,7 +71,9 @@ def test_data_come_from_the_literal_reference(known: Experiment, lagged: Path, m
     with monkeypatch.context() as patch:
         patch.setattr("psafit.simulate.batch.closed_form.separation", None)
         patch.setattr("psafit.simulate.batch.stepper.separation", None)
-        again = simulate_literally(design, answer.parameters, [lag], known.ids, points=np.array([0, 15]))
+        again = simulate_literally(
+            design, answer.parameters, [lag], Occasions.of(known.groups), points=np.array([0, 15])
+        )
     assert again.tolist() == [answer.true_readings[0], answer.true_readings[15]]
 
 
@@ -81,8 +83,8 @@ def test_sessions_keep_what_they_have_for_themselves(known: Experiment) -> None:
     values |= {"reading_gain_z_1": 0.0, "reading_gain_z_2": 1.0, "reading_gain_z_3": -1.0}
     design = Design.of(known.constants, known.groups)
     points = np.array([1, 12, 18])  # one of each session
-    without = simulate_literally(design, values, [], known.ids, points=points)
-    with_it = simulate_literally(design, values, [gain], known.ids, points=points)
+    without = simulate_literally(design, values, [], Occasions.of(known.groups), points=points)
+    with_it = simulate_literally(design, values, [gain], Occasions.of(known.groups), points=points)
     assert with_it == pytest.approx(without * [1.0, 2.0, 0.5])
 
 

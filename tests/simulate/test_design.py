@@ -10,7 +10,7 @@ import pytest
 from rigs import RIG
 
 from psafit.challenge.hide import simulate_literally
-from psafit.experiment import Group, session_name
+from psafit.experiment import Group, Occasions, session_name
 from psafit.physics import terms
 from psafit.simulate import Design, columns, simulate
 
@@ -78,5 +78,5 @@ def test_groups_of_other_rigs_are_simulated_as_such() -> None:
         names = columns(chosen)[: 3 + len(own)]
         parameters = dict(zip(names, sets[0].tolist(), strict=False))
         parameters |= {session_name(chosen[-1].latent.name, g.id): z for g, z in zip(groups, latent, strict=False)}  # type: ignore[union-attr]
-        literal = simulate_literally(design, parameters, chosen, [g.id for g in groups])
+        literal = simulate_literally(design, parameters, chosen, Occasions.of(groups))
         assert together.launch_range[0] * 1e6 == pytest.approx(literal, rel=1e-5)

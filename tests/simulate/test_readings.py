@@ -10,7 +10,7 @@ import pytest
 
 from psafit.challenge.hide import simulate_literally
 from psafit.drives import Drive
-from psafit.experiment import Conditions, session_name
+from psafit.experiment import Conditions, Occasions, session_name
 from psafit.observables import CONTACT_TIME, LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, PEAK_FORCE
 from psafit.physics import term
 from psafit.physics.term import ReferenceRig, Term, idle
@@ -84,7 +84,7 @@ def test_what_is_read_is_what_the_reference_reads(causes: tuple[Term, ...]) -> N
             parameters[cause.id] = 0.1
             row += [0.1]
     fast, plain = readings(design, row, causes)[0], readings(design, theta)[0]
-    literal = simulate_literally(design, parameters, causes, [g.id for g in given])
+    literal = simulate_literally(design, parameters, causes, Occasions.of(given))
     assert fast == pytest.approx(literal, rel=1e-6, abs=1e-9)
     for k, o in enumerate(OBSERVABLES):
         changed = fast[design.measured == k] != plain[design.measured == k]
@@ -112,7 +112,7 @@ def test_what_a_failed_launch_does_not_have_is_not_read() -> None:
         )
         parameters = dict(zip(("k_c", "c_s", "c_c"), theta, strict=True)) | {"later": delay}
         fast = readings(design, [*theta, delay], [later])[0]
-        assert fast == pytest.approx(simulate_literally(design, parameters, [later], [g.id for g in both]), rel=1e-6)
+        assert fast == pytest.approx(simulate_literally(design, parameters, [later], Occasions.of(both)), rel=1e-6)
         rows = (design.amplitude == 0.0) & (design.measured == [o.name for o in OBSERVABLES].index(name))
         assert rows.any() and (fast[rows] > 0.0).all() == (name == "launch_speed")
 

@@ -15,6 +15,7 @@ from psafit.simulate import Design, columns, path_of, simulate, stepper
 from psafit.simulate.batch import rig_of
 from psafit.simulate.closed_form import NO_SEPARATION
 from psafit.simulate.contract import Draw
+from psafit.simulate.design import Counts
 from psafit.simulate.literal import literal_launch
 from psafit.simulate.reference import Point
 from psafit.simulate.threads import set_n_threads
@@ -308,7 +309,7 @@ def test_refuses_what_makes_no_sense() -> None:
         simulate(sweeps(), PUBLISHED, terms(["hertz_exponent"]))
     with pytest.raises(ValueError, match="no path"):
         simulate(sweeps(), PUBLISHED, path="fast")
-    assert columns(terms(["reading_gain"]), 2)[-2:] == ["reading_gain_z_0", "reading_gain_z_1"]
+    assert columns(terms(["reading_gain"]), Counts(2, 2))[-2:] == ["reading_gain_z_0", "reading_gain_z_1"]
 
 
 @pytest.mark.parametrize("phase", [0.1, 0.49, 1.2])

@@ -409,10 +409,11 @@ class GainsDiffer(Statement):
             words.put("{} by {}", named(o.observable).titles, words.value("1", o.factor, (o.lower, o.upper)))
             for o in pair
         )
+        how = " Two instruments do, each with a factor of its own: then name them in experiment.toml, under"
+        how += " [instruments]. So does a lean or a drive that differs."
         return words.put(
             "From session {} to session {} the readings change by two factors, {}. One {} for both does not do that."
-            " Two instruments do, each with a factor of its own: then name them in experiment.toml, under"
-            " [instruments]. So does a lean or a drive that differs.",
+            + (how if f.first.instrument is None else " A lean or a drive that differs does."),
             f.first.first, f.first.second, words.listed(each), words.cause(f.cause),
         )  # fmt: skip
 
