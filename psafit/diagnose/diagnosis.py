@@ -532,7 +532,7 @@ def _tied(model_set: ModelSet, verdict: Verdict, seed: int, most: int) -> list[t
     """What is adopted and what does as well, with draws of their posteriors.
 
     Of an adequate baseline that is the cause that it excludes least, if one keeps a twentieth. Where nothing does as
-    well, and the model is not wrong, it is what may be at work by too little to count.
+    well, and the model is not wrong, it is what counts though it does not show.
     """
     if verdict.verdict == "adequate":
         causes = [ids for ids in model_set.by_probability(()) if model_set.probability[ids] >= 1 - CREDIBLE]
@@ -540,7 +540,7 @@ def _tied(model_set: ModelSet, verdict: Verdict, seed: int, most: int) -> list[t
     else:
         equals = [model_set.best_model.ids, *verdict.alternatives]
     if len(equals) == 1 and verdict.verdict != "unexplained":
-        equals += model_set.counted_with(equals[0])[:1]
+        equals += results.counted_sets(model_set, equals[0])[:1]
     return [(model_set.of(ids), draws) for ids, draws in model_set.drawn(equals[:most], seed).items()]
 
 

@@ -48,6 +48,7 @@ from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
 from psafit.inference.summary import by_session, overdamped
+from psafit.model_search import Ids
 from psafit.model_search.model_set import ModelSet
 from psafit.model_search.visibility import VISIBLE
 from psafit.observables import OBSERVABLES, aside, recorded_name
@@ -96,11 +97,28 @@ def sessions_of(model_set: ModelSet, candidate: Candidate) -> list[SessionResult
     return found
 
 
+def counted_sets(model_set: ModelSet, named: Ids) -> list[Ids]:
+    """Larger sets that count, though not all of their causes show, and would change what is named.
+
+    What somebody holds to be at work comes first, if it moves a value; then those for which the readings speak.
+    """
+    own, n = model_set.of(named).problem, model_set.of(named).problem.n_physical
+    low, high = model_set.quantiles(named, (0.05, 0.95))[:, :n]
+
+    def moves(ids: Ids) -> bool:
+        names, (median,) = model_set.of(ids).problem.names, model_set.quantiles(ids, (0.5,))
+        there = median[[names.index(name) for name in own.names[:n]]]
+        return bool(((there < low) | (there > high)).any())
+
+    held = [ids for ids in model_set.as_held(named) if moves(ids)]
+    return [*held, *(ids for ids in model_set.counted_with(named) if ids not in held)]
+
+
 def counted_of(model_set: ModelSet, adopted: Candidate) -> list[Counted]:
-    """Larger sets for which the readings speak by too little to show, and what they would change of it."""
+    """What `counted_sets` would change of what is adopted."""
     own, found = _parameters(model_set, adopted), []
     physical = adopted.problem.names[: adopted.problem.n_physical]
-    for ids in model_set.counted_with(adopted.ids):
+    for ids in counted_sets(model_set, adopted.ids):
         larger = model_set.of(ids)
         values = _parameters(model_set, larger)
         added = {p.name for t in larger.terms if t.id not in adopted.ids for p in t.parameters}

@@ -31,6 +31,7 @@ def search_models(
     jobs: int = 1,
     scheduler: str | None = None,
     starts: Sequence[Candidate] = (),
+    held: Sequence[str] = (),
     passes: Callable[[Candidate], bool] = lambda candidate: True,
     progress: Callable[[str], None] = lambda what: None,
 ) -> ModelSet:
@@ -51,6 +52,8 @@ def search_models(
         Address of a Dask scheduler whose workers share them instead; see `psafit.workers.processes`.
     starts : sequence of Candidate
         Models, fitted to other readings, that are fitted before all else, in addition to the one without causes.
+    held : sequence of str
+        Causes that somebody holds to be at work: what is named is sampled with them, too.
     passes : callable
         Whether the readings pass the tests of misfit by a model.
     progress : callable
@@ -82,7 +85,7 @@ def search_models(
         fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts, doing)
 
         def decisive(found: Searched[Fitted]) -> tuple[Ids, ...]:
-            latest[:] = [rank(found, believed, settings, partial(fitter.effects, found.models))]
+            latest[:] = [rank(found, believed, settings, partial(fitter.effects, found.models), held=held)]
             return latest[0].decisive
 
         with closing(fitter):

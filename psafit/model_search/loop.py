@@ -321,11 +321,15 @@ class _Known(Generic[Content]):
             self.done[before.ids] = 0
 
     def settle(self, wanted: Sequence[Ids]) -> bool:
-        """Sample the first of some sets that was not; False where none is left.
+        """Fit the first of some sets that was not fitted, or sample the first that was not; False where none is left.
 
-        One keeps its estimate if no draw lies within its bounds.
+        One keeps its estimate if no draw lies within its bounds. A set of more causes than one may have is left out.
         """
-        waiting = [self.models[ids] for ids in wanted if not self.models[ids].sampled and ids not in self.unsampled]
+        if new := [ids for ids in wanted if ids not in self.models and len(ids) <= self.settings.most_causes]:
+            self.keep(self.fitter.short(new[:1], self.models))
+            return True
+        known = [self.models[ids] for ids in wanted if ids in self.models]
+        waiting = [model for model in known if not model.sampled and model.ids not in self.unsampled]
         if not waiting:
             return False
         first, *others = waiting

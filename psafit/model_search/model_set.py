@@ -104,6 +104,8 @@ class ModelSet:
     at_work : dict
         Probability of each set to be at work, whether it shows or not, and nothing else. What is missing to one is of
         sets that were not fitted.
+    held : tuple of str
+        Causes that somebody holds to be at work, by what is known of this rig, whether they show or not.
     """
 
     candidates: tuple[Candidate, ...]
@@ -114,6 +116,7 @@ class ModelSet:
     missed: float = 0.0
     visible: float = SearchSettings.visible
     neighbours: bool = False
+    held: tuple[str, ...] = ()
     at_work: Mapping[Ids, float] = field(kw_only=True)
 
     def of(self, ids: Ids) -> Candidate:
@@ -152,12 +155,12 @@ class ModelSet:
         """Sets on which an answer rests.
 
         Those that are likely; where a set leads, the first of a tie that estimates alone make, and what may be at work
-        as well.
+        as well. With what somebody holds to be at work it may be one that was not fitted.
         """
         best = self.best_model.ids
         tied, more = (self.needed(best), self._favoured(best)) if best else ((), [])
         first = () if any(ids in self.samples for ids in tied) else tied[:1]
-        return tuple(dict.fromkeys((*self.likely, *first, *more)))
+        return tuple(dict.fromkeys((*self.likely, *first, *more, *self._as_held(best))))
 
     def draws(self, ids: Ids, seed: int) -> ImportanceSample:
         """Posterior draws of a model; worked out for one that the search did not sample."""
@@ -234,6 +237,25 @@ class ModelSet:
         own, samples = self.log_evidence[named], self.samples
         favoured = (ids for ids in self._favoured(named) if ids in samples)
         return tuple(ids for ids in favoured if samples[ids].standard_error < self.log_evidence[ids] - own)
+
+    def as_held(self, named: Ids) -> tuple[Ids, ...]:
+        """The named set with what is held to be at work, if that was sampled and is the more probable; or none."""
+        return tuple(ids for ids in self._as_held(named) if ids in self.samples and self.odds(ids, named) > 1.0)
+
+    def _as_held(self, named: Ids) -> list[Ids]:
+        """The named set with what is held to be at work, but for causes that make it improbable; it, or none."""
+        least = (1 - CREDIBLE) / CREDIBLE
+
+        def with_them(more: Iterable[str]) -> Ids:
+            wanted = {*named, *more}
+            return tuple(id for id in self.beliefs if id in wanted)
+
+        def possible(ids: Ids) -> bool:
+            return ids not in self.log_evidence or self.odds(ids, named) >= least
+
+        ids = with_them(id for id in self.held if possible(with_them([id])))
+        reported = self.needed(named) if named else self.likely
+        return [ids] if len(ids) > len(named) and ids not in reported and possible(ids) else []
 
     def _favoured(self, named: Ids, most: int = 4) -> list[Ids]:
         """As of `counted_with`, those of which an estimate alone says so among them; `most`, the likeliest first."""
@@ -340,6 +362,7 @@ def rank(
     settings: SearchSettings,
     effects: Effective = lambda wanted: {},
     *,
+    held: Sequence[str] = (),
     shakes: int = 400,
 ) -> ModelSet:
     """Posterior probabilities of the models; where a cause does not show, they count as the models without it.
@@ -351,6 +374,8 @@ def rank(
     settings : SearchSettings
     effects : callable
         Works out what the causes of some of the sets do; without it all of them show.
+    held : sequence of str
+        As of `ModelSet`.
     shakes : int
         Evidences are known with an error: probabilities are averaged over so many draws of it.
     """
@@ -387,5 +412,6 @@ def rank(
         missed=settings.missed,
         visible=settings.visible,
         neighbours=searched.whole,
+        held=tuple(held),
         at_work=at_work,
     )

@@ -192,6 +192,13 @@ def meaning(name: str) -> str:
     return _KNOWN[name].description if name in _KNOWN else ""
 
 
+def held_at_work(beliefs: Iterable[Belief], *, likely: float = 0.5) -> dict[str, Belief]:
+    """Causes that an experiment holds to be at work for more than `likely`, and the belief of each that says so."""
+    every = list(beliefs)
+    said = {t.id: leading_belief(b for b in every if owner(b.name) == t.id) for t in TERMS}
+    return {id: b for id, b in said.items() if b is not None and b.probability is not None and b.probability > likely}
+
+
 def redefined(ids: Iterable[str]) -> dict[str, dict[str, str]]:
     """Parameters of the baseline that are something else with some causes: by parameter and cause, what it is."""
     chosen, found = {*ids}, dict[str, dict[str, str]]()

@@ -497,6 +497,27 @@ def test_what_may_be_at_work_as_well_is_said_with_what_it_would_change() -> None
     assert not of(replace(adequate, verdict="unexplained", named=["gap"]), TooWeak), "a wrong model says nothing of it"
 
 
+def test_what_is_likely_by_the_rig_and_moves_the_values_stands_next_to_them() -> None:
+    d = record()
+    assert d.best_model
+    size, own = ParameterResult(6e-6, 3e-6, 8e-6, "s", "lag", 0.5), d.best_model.parameters["k_c"]
+    moved = {"k_c": replace(own, median=41.0, lower=13.0, upper=104.0)}
+    counted = Counted([*d.named, "amplifier_lag"], 7.1, {"amplifier_lag_tau": size}, moved, 0.37)
+    (found,) = of(replace(d, counted=[counted]), TooWeak)
+    said = found.say(PLAIN)
+    assert found.topic == "wrong" and said.startswith(
+        "These values are without amplifier_lag. The readings do not show it, but by what is known of the rig it is"
+        " likely to be at work: 7.1 to 1 (a factor of 0.37 by the readings). With it, k_c = 41 (13 to 104) N/m, not "
+    )
+    assert said.endswith(
+        " To see amplifier_lag: the voltage at the stack after a step of the command, on an oscilloscope."
+    )
+    # What the readings favour, or what moves nothing, stands besides.
+    for change in ({"by_readings": 8.0}, {"moved": {}}, {"odds": 0.8}):
+        (other,) = of(replace(d, counted=[replace(counted, **change)]), TooWeak)
+        assert other.topic == "besides" and other.say(PLAIN).startswith("Perhaps at work as well")
+
+
 @pytest.mark.parametrize(
     ("lower", "said"), [(1.38e-6, "7e+05 V/s (6.76e+05 to 7.25e+05)"), (0.0, "7e+05 V/s (at least 6.76e+05)")]
 )

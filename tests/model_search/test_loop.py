@@ -117,6 +117,15 @@ def test_what_decides_is_sampled_though_the_search_need_not_go_on_from_it() -> N
     assert asked.sampled == [*alone.sampled, ("a", "b")]
 
 
+def test_what_decides_and_was_not_fitted_is_fitted_first() -> None:
+    """But not a set of more causes than one may have."""
+    large, larger = ("a", "e", "f", "g"), tuple("abcdefg")
+    fake = Fake(additive({"a": 20.0}))
+    found = search(CATALOGUE, fake, flat, decisive=lambda found: [("a",), large, larger])
+    assert found.models[large].sampled and fake.sampled[-1] == large and larger not in found.models
+    assert large not in search(CATALOGUE, Fake(additive({"a": 20.0})), flat).models
+
+
 def test_what_decides_and_cannot_be_sampled_keeps_its_estimate() -> None:
     class Stuck(Fake):
         def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:

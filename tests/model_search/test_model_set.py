@@ -33,6 +33,7 @@ def ranked(
     sampled: dict[Ids, float],
     effects: Effective = lambda wanted: {},
     beliefs: dict[str, float] | None = None,
+    held: Sequence[str] = (),
 ) -> ModelSet:
     """A model set with these evidences, some of them sampled, with a standard error."""
     models = {}
@@ -40,7 +41,7 @@ def ranked(
         draws = SimpleNamespace(standard_error=sampled[ids]) if ids in sampled else None
         fitted = Fitted(SimpleNamespace(ids=ids), draws)  # type: ignore[arg-type]
         models[ids] = Model(ids, value, 0.0, ids in sampled, fitted)
-    return rank(Searched(models, frozenset(), whole=True), beliefs or BELIEFS, SearchSettings(), effects)
+    return rank(Searched(models, frozenset(), whole=True), beliefs or BELIEFS, SearchSettings(), effects, held=held)
 
 
 def test_prior_probabilities_of_models_sum_to_one_and_expect_few_surprises() -> None:
@@ -189,6 +190,25 @@ def test_the_best_without_a_cause_is_no_set_with_what_is_likely_and_does_nothing
     assert [(w.cause, w.terms, round(w.nats, 1), w.sampled) for w in without_of(found, ("a", "b"))] == [
         ("a", ["b", "c"], 11.0, True), ("b", ["a"], round(19.0 + math.log(0.04 / 0.96), 1), True),
     ]  # fmt: skip
+
+
+def test_what_is_named_is_asked_with_what_somebody_holds_to_be_at_work() -> None:
+    """Though the readings do not favour it; but not with a cause that they speak against."""
+    believed, held = BELIEFS | {"b": 0.95, "c": 0.7, "d": 0.8}, ("b", "c", "d")
+    evidence = {(): 0.0, ("a",): 20.0, ("a", "b"): 19.0, ("a", "c"): 10.0}
+    share = dict.fromkeys(evidence, 0.0) | {("a",): 1.0}  # nothing else shows
+    begun = ranked(evidence, {(): 0.0, ("a",): 0.0}, beliefs=believed, held=held)
+    # Of "d" nothing is known: all but "c" are fitted together.
+    assert ("a", "b", "d") in replace(begun, probability=share).decisive
+    assert replace(begun, probability=share, held=()).decisive == (("a",),)
+    for more, counted in ((18.5, True), (15.0, False)):
+        evidence[("a", "b", "d")] = more
+        share[("a", "b", "d")] = 0.0
+        found = ranked(evidence, {(): 0.0, ("a",): 0.0, ("a", "b", "d"): 0.1}, beliefs=believed, held=held)
+        found = replace(found, probability=share)
+        assert (found.as_held(("a",)) == (("a", "b", "d"),)) is counted
+    reported = replace(found, probability={**share, ("a",): 0.5, ("a", "b", "d"): 0.5})
+    assert not reported.as_held(("a",)), "it is reported by itself"
 
 
 @pytest.mark.parametrize(

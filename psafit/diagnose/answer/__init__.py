@@ -16,6 +16,7 @@ from psafit.diagnose.answer.besides import (
     Furthest,
     Indistinct,
     Lagging,
+    Likelier,
     Redefined,
     Room,
     TooWeak,
@@ -49,8 +50,8 @@ from psafit.inference import noise
 from psafit.model_search.model_set import DECISIVE
 from psafit.model_search.visibility import VISIBLE
 from psafit.observables import OBSERVABLES
-from psafit.parameters import Belief, leading_belief
-from psafit.physics import TERMS, owner, redefined
+from psafit.parameters import Belief
+from psafit.physics import TERMS, held_at_work, owner, redefined
 
 _TAILS = noise.PARAMETERS[-1]
 _WIDTHS = {parameter.name for o in OBSERVABLES for parameter in o.scatter[:2]}
@@ -229,7 +230,10 @@ def _sized(causes: list[CauseResult]) -> dict[str, ParameterResult]:
 def _too_weak(d: Diagnosis) -> Iterator[Statement]:
     """Larger sets for which the readings speak by little: given a model that is wrong they say nothing."""
     if d.best_model and d.verdict != "unexplained":
-        yield from (TooWeak(d.named, counted, d.best_model.parameters) for counted in d.counted)
+        for counted in d.counted:
+            expected = counted.by_readings is not None and counted.odds > max(counted.by_readings, 1.0)
+            kind = Likelier if expected and counted.moved else TooWeak
+            yield kind(d.named, counted, d.best_model.parameters)
 
 
 def _unseen(d: Diagnosis) -> Iterator[Statement]:
@@ -257,9 +261,10 @@ def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> It
     """
     silent, against, bounds = [], [], d.verdict != "unexplained"
     said_of = {id for ids in (d.named, *d.alternatives, *(c.terms for c in d.counted)) for id in ids}
+    held = held_at_work(beliefs, likely=likely)
     for s in d.screening:
-        said = leading_belief(b for b in beliefs if owner(b.name) == s.id)
-        if s.id in said_of or said is None or said.probability is None or said.probability <= likely:
+        said = held.get(s.id)
+        if s.id in said_of or said is None or said.probability is None:
             continue
         by, unseen = "[rig]" if said.derived else "[prior]", s.verdict in (UNSEEN, NO_ACTION)
         little = s.verdict == NOT_PRESENT or (s.left is not None and s.left < VISIBLE <= s.visible)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from psafit.diagnose.answer.findings import by_cause, sized
-from psafit.diagnose.answer.statement import Statement
+from psafit.diagnose.answer.statement import Statement, Topic
 from psafit.diagnose.record.misfit import Condition, Reading
 from psafit.diagnose.record.models import Counted, ParameterResult, SessionResult
 from psafit.diagnose.words import Words
@@ -146,7 +147,7 @@ class Unseen(Statement):
 class TooWeak(Statement):
     """What may be at work as well, by too little to show, and what it would change of the values."""
 
-    topic = "besides"
+    topic: ClassVar[Topic] = "besides"
     adopted: list[str]
     counted: Counted
     values: dict[str, ParameterResult]
@@ -166,13 +167,37 @@ class TooWeak(Statement):
                 *(words.number(significant(x, 2)) for x in (c.by_readings, c.odds / c.by_readings)),
             ),
         )  # fmt: skip
-        if not c.moved:
-            return text
+        return words.put("{} {}", text, self._moved(words)) if c.moved else text
+
+    def _moved(self, words: Words) -> str:
+        """What the values are with more causes."""
+        more = len(self.counted.terms) - len(self.adopted)
         moved = (
             words.put("{}, not {}", sized(words, name, p), words.number(significant(self.values[name].median)))
-            for name, p in c.moved.items()
+            for name, p in self.counted.moved.items()
         )
-        return words.put("{} With it, {}.", text, words.joined("; ", moved))
+        return words.put("With {}, {}.", "it" if more == 1 else "them", words.joined("; ", moved))
+
+
+@dataclass(frozen=True)
+class Likelier(TooWeak):
+    """What does not show, is more probable at work than not, and would change the values: it belongs to these."""
+
+    topic = "wrong"
+
+    def say(self, words: Words) -> str:
+        c, more = self.counted, [id for id in self.counted.terms if id not in self.adopted]
+        it, them = ("it", "it is") if len(more) == 1 else ("them", "they are")
+        by = "" if c.by_readings is None else words.put(
+            " (a factor of {} by the readings)", words.number(significant(c.by_readings, 2))
+        )  # fmt: skip
+        looks = (words.put(" To see {}: {}.", words.cause(t.id), t.look) for t in TERMS if t.look and t.id in more)
+        return words.put(
+            "These values are without {}. The readings do not show {}, but by what is known of the rig {} likely to be"
+            " at work: {} to 1{}. {}{}",
+            words.listed(map(words.cause, more)), it, them, words.number(significant(c.odds, 2)), by,
+            self._moved(words), words.joined("", looks),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
