@@ -81,6 +81,10 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
         for known in content["priors"]:
             origin = ", from [rig]" if known["derived"] else ""
             click.echo(f"  prior of {label(known['name'])}{origin}: {known['prior']} ({known['source']})")
+        if any("Cauchy" in known["prior"] for known in content["priors"]):
+            click.echo(
+                "  (in a Cauchy tail a value far beyond the plausible costs some nats: it is flagged, not excluded)"
+            )
         for name, facts in content["lacking"].items():
             click.echo(f"  no prior of {name}, from [rig]: it needs {' and '.join(facts)}, too")
         warn(content["warnings"])

@@ -317,6 +317,8 @@ def _next(imported: Imported, out: Path) -> None:
 
     place, groups = shlex.quote(shown_path(out)), [g for t in imported.tables for g in t.groups]
     click.echo(f"wrote {shown_path(out / DEFINITION)} and {count(len(groups), 'group')}")
+    if left := dict.fromkeys(heading for t in imported.tables for heading, _ in t.possible):
+        click.echo(f"without {series(map(repr, left))}, which may be readings, too: see above")
     if varied := [g.id for g in groups if len({*g.frequency_hz}) > 1 and len({*g.amplitude_v}) > 1]:
         named = f"group{'' if len(varied) == 1 else 's'} {series(varied)}"
         which = "one group" if len(groups) == 1 else named

@@ -122,7 +122,7 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
         show.stage("isolability")
         found = isolability(
             read.title, read.constants, read.groups, read.limits, terms,
-            settings=IsolabilitySettings(stated=scatter),
+            readable=read.readable, settings=IsolabilitySettings(stated=scatter),
             progress=lambda k, n: show.update(k, n, "blocks of confounded causes"),
         )  # fmt: skip
     if plot is not None:

@@ -22,7 +22,7 @@ errors: what counts of each is what it says beyond the one before, as in the lik
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -394,6 +394,7 @@ def isolability(
     limits: Iterable[tuple[str, tuple[float, float]]],
     catalogue: Sequence[Term],
     *,
+    readable: Sequence[str] = (),
     settings: IsolabilitySettings | None = None,
     places: Sequence[Sequence[float]] | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -409,6 +410,8 @@ def isolability(
     limits : pairs of a name and two ends
         Of the rig: see `psafit.diagnose.possible.proposals`.
     catalogue : sequence of Term
+    readable : sequence of str
+        Columns that may be read besides those that are; all of them if none is given.
     settings : IsolabilitySettings, optional
     places : sequence of (3,) arrays, optional
         Values of the baseline's parameters; those of `psafit.simulate.sensitivity.RIGS` by default.
@@ -437,7 +440,8 @@ def isolability(
     confounded = [t for t in catalogue if any(t.id in block for block in blocks)]
     hidden = [t for t in catalogue if t.id not in visible]
     asked = [*confounded, *hidden]
-    others = _others(constants, groups, limits, raw, at, asked, settings) if asked else []
+    may = {k for k, o in enumerate(OBSERVABLES) if not readable or o.column in readable}
+    others = _others(constants, groups, limits, may, raw, at, asked, settings) if asked else []
     more = [(s, [Effects.at(s.design, theta, asked, settings) for theta in at]) for s in sweeps] if asked else []
     split: list[Block] = []
     for k, block in enumerate(blocks):
@@ -493,15 +497,16 @@ def _others(
     constants: Constants,
     groups: Sequence[Conditions],
     limits: Iterable[tuple[str, tuple[float, float]]],
+    may: Collection[int],
     planned: Sequence[Effects],
     places: Sequence[FloatArray],
     terms: Sequence[Term],
     settings: IsolabilitySettings,
 ) -> list[_Other]:
-    """What causes do where an observable that is not planned is read, of the same launches or along a trace."""
-    measured, found = {k for g in groups for k in g.measured}, []
+    """What causes do where an observable that is not planned `may` be read, of the same launches or along a trace."""
+    new, found = {*may} - {k for g in groups for k in g.measured}, []
     for k, o in NUMBERED:
-        if k not in measured:
+        if k in new:
             also = Design.of(constants, [_reading_also(g, k) for g in groups])
             found.append(_Other(o.name, [Effects.at(also, theta, terms, settings).refitted() for theta in places]))
 
@@ -510,7 +515,7 @@ def _others(
 
     before = [one.of([t.id for t in terms]) for one in planned]
     for p in traces(constants, groups, limits, contact, settings.trace):
-        if p.design.measured[0] not in measured:
+        if p.design.measured[0] in new:
             every = np.arange(p.design.n_points)
             further = (Effects.at(p.design, theta, terms, settings) for theta in places)
             found.append(_Other(OBSERVABLES[p.design.measured[0]].name, _with(before, further, every), p))

@@ -628,7 +628,7 @@ def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions
 
     In numbers that can be set on a generator, and with the readings' usual uncertainty where each states one.
     """
-    f, v = (np.resize(_settable(x), proposal.n_readings) for x in (proposal.frequency_hz, proposal.amplitude_v))
+    f, v = (np.resize(_settable(x, 4), proposal.n_readings) for x in (proposal.frequency_hz, proposal.amplitude_v))
     problem = Problem(measured, measured.ids)
     kind = proposal.measured(problem)
     usual = problem.sigma_to_come(kind)
@@ -643,12 +643,12 @@ def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions
         changed=tuple(proposal.constants.items()),
         sigma=None if usual is None else np.full(f.size, usual),
         measured=np.full(f.size, kind, np.int8),
-        time_us=None if proposal.time_us is None else _settable(proposal.time_us),
+        time_us=None if proposal.time_us is None else _settable(proposal.time_us, 6),
     )
 
 
-def _settable(values: Sequence[float]) -> FloatArray:
-    """Six digits of each; none is beyond the least and the greatest by more than the last digits of its computation."""
-    rounded, given = np.array([float(f"{x:.6g}") for x in values]), np.array(values)
+def _settable(values: Sequence[float], digits: int) -> FloatArray:
+    """Some digits of each; none is beyond the least or greatest by more than the last digits of its computation."""
+    rounded, given = np.array([float(f"{x:.{digits}g}") for x in values]), np.array(values)
     within = np.clip(rounded, given.min(), given.max())
     return np.where(np.isclose(rounded, within, rtol=1e-9, atol=0.0), rounded, within)

@@ -61,12 +61,13 @@ from psafit.validate import without_each
 def causes_of(model_set: ModelSet, verdict: Verdict, most: int = 12, least: float = 1e-4) -> list[CauseResult]:
     """The models of the record, the most probable first: `most` of them, none below the probability `least`.
 
-    Best model, alternatives and baseline are there in any case.
+    Best model, alternatives and baseline are there in any case, and the best that was sampled without a named cause.
     """
     likely = [ids for ids in model_set.by_probability() if model_set.probability[ids] >= least]
     shown = [model_set.of(ids) for ids in likely[:most]]
-    tied = [c for c in model_set.candidates if c.ids in verdict.alternatives]
-    for always in (model_set.best_model, model_set.baseline, *tied):
+    named = {model_set.without(cause) for cause in verdict.named} & model_set.samples.keys()
+    asked = [c for c in model_set.candidates if c.ids in verdict.alternatives or c.ids in named]
+    for always in (model_set.best_model, model_set.baseline, *asked):
         if always not in shown:
             shown.append(always)
     # What the verdict names comes first.

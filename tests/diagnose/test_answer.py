@@ -234,7 +234,8 @@ def test_what_would_be_named_without_each_cause_is_said() -> None:
     )  # fmt: skip
     (found,) = of(d, Replaced)
     assert found.say(PLAIN) == (
-        "The next best: without preload, slew_limit in its place (10.7 nats behind); without gap, nothing in its place"
+        "The next best by log posterior: without preload, slew_limit in its place (10.7 nats behind);"
+        " without gap, nothing in its place"
         " (about 40 nats behind); without gap, hysteresis (about 0.2 nats behind)."
     )
     tied = replace(d, verdict="ambiguous", alternatives=[["gap", "slew_limit"]])

@@ -123,6 +123,11 @@ def test_another_observable_that_would_distinguish_causes_is_named(pair, strengt
     assert set(block.causes) == set(pair) and block.also is not None
     assert (block.also.observable, block.also.splits) == (other.name, True)
     assert [set(two) for two in block.also.pairs] == [set(pair)] and block.also.nats >= settings.apart
+    # What the rig's instruments do not read is not asked for.
+    for column, asked in ((other.column, other.name), ("launch_range_um", None)):
+        how = {"readable": (column,), "settings": settings, "places": [RIGS["study"]]}
+        (block,) = isolability("a rig", e.constants, e.groups, (), terms(pair), **how).blocks
+        assert (block.also and block.also.observable) == asked
 
 
 def test_a_trace_that_would_distinguish_causes_is_named():

@@ -295,7 +295,7 @@ def test_planned_numbers_can_be_set_on_a_generator(sound):
         "x", "sine", [300.0] * 3, [11.840000000000002, 13.3333333333, 38.849999999999994], {}, 1.0, None, 0.1
     )
     plan = next_experiment.planned(here, "next", sound.problem.experiment)
-    assert plan.amplitude_v.tolist() == [11.84, 13.3333, 38.85]
+    assert plan.amplitude_v.tolist() == [11.84, 13.33, 38.85]
     plan = next_experiment.planned(
         replace(here, amplitude_v=[2.0, 19.9999994, 19.99]), "next", sound.problem.experiment
     )

@@ -355,6 +355,18 @@ def test_sweeps_that_have_become_one_group_are_asked_about(
     assert 'of one session write session = "NAME" in two' in out
 
 
+def test_an_import_ends_with_what_it_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(Path("a.csv"), "f (Hz);Vp;Range (um);Contact (us)\n1200;20;76;310\n1300;20;75;300\n")
+    assert run(monkeypatch, "import", "a.csv", "--waveform", "sine", "--out", "rig") == 0
+    assert "# [instruments]\n" in Path("rig/experiment.toml").read_text()
+    *_, wrote, left, then = capsys.readouterr().out.splitlines()
+    assert wrote.startswith("wrote rig/experiment.toml") and then.endswith("then: psafit check rig")
+    assert left == "without 'Contact (us)', which may be readings, too: see above"
+
+
 def test_an_import_prints_its_labels_and_proposes_what_new_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

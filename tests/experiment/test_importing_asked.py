@@ -362,6 +362,16 @@ def test_a_constant_of_the_rig_goes_to_its_place(tmp_path: Path) -> None:
     assert "write constants = { l = ... }, m, into its group" in refused(tmp_path, content.format(90))
 
 
+def test_words_that_may_be_waveforms_are_pointed_to(tmp_path: Path) -> None:
+    """Where no column is called one, and psafit knows none of the words; the remedy does what it says."""
+    content = "Drive;f (Hz);Vp;Range (um)\noffset sine;1200;20;76\noffset sine;1300;20;75\n"
+    asked = refused(tmp_path, content, waveforms=())
+    assert "nothing says which waveform of the drive, but perhaps 'Drive': 'offset sine'" in asked
+    assert "say what its words mean, --waveform 'offset sine=NAME', or --waveform NAME, of sine" in asked
+    (table,) = tables(tmp_path, content, waveforms=(), meant=(("offset sine", "unipolar_sine"),))
+    assert [g.waveform for g in table.groups] == ["unipolar_sine"]
+
+
 @pytest.mark.parametrize("name", ["Function", "Kurve", "Signal", "Waveform type"])
 def test_a_column_of_waveforms_is_one_whatever_its_name(name: str, tmp_path: Path) -> None:
     content = f"f (Hz);Vp;Range (um);{name}\n1200;20;76;SIN\n1300;20;75;Rechteck\n"

@@ -303,7 +303,7 @@ class Replaced(Statement):
             words.put("without {}, {} ({})", words.cause(w.cause), self._other(w, words), self._behind(w, words))
             for w in self.without[:_TIED]
         )
-        return words.put("The next best: {}.", words.joined("; ", each))
+        return words.put("The next best by log posterior: {}.", words.joined("; ", each))
 
     def _other(self, w: Without, words: Words) -> str:
         """The set, by what it has in the place of the cause, if that is all in which it differs."""

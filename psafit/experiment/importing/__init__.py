@@ -7,6 +7,7 @@ calamine; units are pint's.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import fields, replace
 from functools import partial
@@ -33,6 +34,7 @@ from psafit.experiment.importing.layout import (
     askew,
     body,
     clocked,
+    columns_in_words,
     find_head,
     named_waveform,
     names,
@@ -602,6 +604,15 @@ def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options)
             remedy = f"say {alone}--waveform {said}, or {option(c.option, IGNORED)}"
             raise InputError(what, f"{remedy}, and give each waveform a file of its own", file=grid.file, line=line)
     if not (recorded or column or given):
+        used = {c.place for c in chosen.columns}
+        for place, texts in columns_in_words(grid, head).items():
+            if place not in used:
+                heading = head.headings[place].text
+                what = f"nothing says which waveform of the drive, but perhaps {shown(heading)}: {shown(texts[0])}"
+                each = ",".join(f"{text}=NAME" for text in texts)
+                meant = f"say what its words mean, --waveform {shlex.quote(each)}"
+                remedy = f"{meant}, or --waveform NAME, of {listed(NAMES)}"
+                raise InputError(what, remedy, file=grid.file, line=head.line)
         remedy = f"say --waveform NAME, of {listed(NAMES)}; of several tables --waveform sine,square"
         if chosen.traced:
             remedy = f"{remedy}; of a drive that was recorded {option('NAME', VOLTAGE, 'V')}"

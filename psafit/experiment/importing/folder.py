@@ -96,6 +96,7 @@ def write_import(imported: Imported, folder: Path) -> None:
     parts += [
         rig_text(imported.rig) or _optional("rig"),
         limits_text(imported.limits, imported.readable) or _optional("limits"),
+        _optional("instruments"),
     ]
     parts.append(beliefs_text(imported.beliefs))
     for table in imported.tables:

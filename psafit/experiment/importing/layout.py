@@ -107,16 +107,25 @@ def waveform_places(grid: Grid, head: Head, meant: Sequence[tuple[str, str]] = (
 
     Those are known that psafit knows, and those of which it is said what is meant.
     """
-    known, every = {word(text) for text, _ in meant}, _texts(grid, head)
+    known, in_words = {word(text) for text, _ in meant}, columns_in_words(grid, head)
+
+    def says(place: int) -> bool:
+        return any(waveform(text) or word(text) in known for text in in_words.get(place, ()))
+
+    return [place for place, named in enumerate(head.headings) if named.is_waveform or says(place)]
+
+
+def columns_in_words(grid: Grid, head: Head) -> dict[int, list[str]]:
+    """The columns with a heading, from 0, of which each row has words, and what they say, each once."""
+    every = _texts(grid, head)
     first = next(every, ())
     # Where the first row has no word, no column has one in each row.
     rows = [first, *every] if any(text and not is_number(text) for text in first) else [first]
-    found = []
+    found = {}
     for place, named in enumerate(head.headings):
-        said = {texts[place] if place < len(texts) else "" for texts in rows}
-        in_words = named.text and "" not in said and not any(map(is_number, said))
-        if named.is_waveform or (in_words and any(waveform(text) or word(text) in known for text in said)):
-            found.append(place)
+        said = dict.fromkeys(texts[place] if place < len(texts) else "" for texts in rows)
+        if named.text and "" not in said and not any(map(is_number, said)):
+            found[place] = list(said)
     return found
 
 
