@@ -327,10 +327,10 @@ def _next(imported: Imported, out: Path) -> None:
             " each its own file, or a label in a column that --column LABEL=group names; a fit to one group is judged"
             " by the others"
         )
-    if len(groups) > 1:
+    if len(groups) > 1 and not any(g.session for g in groups):
         click.echo(
             "each group counts as a session of its own, as if the rig had been set up anew for it; below groups of one"
-            f' session write session = "NAME" in {shown_path(out / DEFINITION)}'
+            f' session write session = "NAME" in {shown_path(out / DEFINITION)}, or say --column LABEL=session'
         )
     then = f"psafit check {place}"
     if imported.missing:

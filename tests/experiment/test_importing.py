@@ -355,6 +355,25 @@ def test_sweeps_that_have_become_one_group_are_asked_about(
     assert 'of one session write session = "NAME" in two' in out
 
 
+def test_an_import_takes_sessions_from_a_column(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Readings of two sessions are two groups; a number is no group's id."""
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{day};{f};20;76\n" for day in ("1", "Tue 3rd") for f in (1200, 1300))
+    write(Path("a.csv"), f"Day;f (Hz);Vp;Range (um)\n{rows}")
+    given = ["--waveform", "sine", "--set", "M=27:g", "--set", "m=5:g", "--set", "q=120:nm/V", "--set", "l=90:mm",
+             "--set", "k_s=48.9:N/um", "--set", "g=9.81"]  # fmt: skip
+    assert run(monkeypatch, "import", "a.csv", *given, "--column", "Day=session", "--out", "rig") == 0
+    assert "counts as a session of its own" not in capsys.readouterr().out
+    assert [(g.id, g.session, g.n_points) for g in read_experiment(tmp_path / "rig").groups] == [
+        (1, "session1", 2), (2, "Tue_3rd", 2)
+    ]  # fmt: skip
+    write(Path("b.csv"), f"Day;f (Hz);Vp;Range (um)\n{rows};1400;20;70\n")
+    assert run(monkeypatch, "import", "b.csv", *given, "--column", "Day=session", "--out", "other") == 2
+    assert "b.csv:6: session '' is no name of a session" in capsys.readouterr().err
+
+
 def test_an_import_ends_with_what_it_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -50,7 +50,17 @@ from psafit.experiment.importing.order import check_order
 from psafit.experiment.importing.origin import check_origin, unread_origin
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, QUANTITIES, SEPARATORS, SUFFIXES, VOLTS, words
 from psafit.experiment.importing.recorded import ALL, recorded
-from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood, file_of
+from psafit.experiment.importing.records import (
+    GROUPS,
+    IGNORED,
+    SESSIONS,
+    Example,
+    Mapping,
+    Options,
+    Table,
+    Understood,
+    file_of,
+)
 from psafit.experiment.importing.steps import STEP, with_counts
 from psafit.experiment.importing.traces import from_start, trace_of
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
@@ -64,7 +74,7 @@ from psafit.text import count
 
 SETTABLE = (*HELD, *SETTINGS)
 """What may be given for a whole table."""
-COLUMN_NAMES = (*(name for name, q in COLUMNS.items() if q.usable), WAVEFORM, GROUPS, IGNORED)
+COLUMN_NAMES = (*(name for name, q in COLUMNS.items() if q.usable), WAVEFORM, GROUPS, SESSIONS, IGNORED)
 """What `--column` may call a column."""
 
 Read = TypeVar("Read")
@@ -484,8 +494,8 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     if sampled:
         return replace(table, groups=tuple(trace_of(k, trace) for k, trace in enumerate(sampled.traces, first_id)))
     parts = groups_of(read)
-    groups = (_group(k, part) for k, part in enumerate(parts.values(), first_id))
-    return replace(table, groups=tuple(groups), labels=tuple(label for _, label in parts))
+    groups = (_group(k, part) for k, part in enumerate(parts, first_id))
+    return replace(table, groups=tuple(groups), labels=tuple(part[0].group for part in parts))
 
 
 def _drive(grid: Grid, head: Head, chosen: Chosen, options: Options, examples: int) -> tuple[Drive, Drive, Table]:
@@ -657,4 +667,4 @@ def _group(number: int, part: Sequence[Reading]) -> Group:
     """Readings as a group of its own."""
     names = dict.fromkeys(name for reading in part for name, _ in reading.values)
     columns = {name: np.array([dict(reading.values).get(name, np.nan) for reading in part]) for name in names}
-    return Group(number, part[0].drive, file_of(number), changed=(), **readings_of(columns))
+    return Group(number, part[0].drive, file_of(number), session=part[0].session, **readings_of(columns))

@@ -104,7 +104,10 @@ def _apart(grid: Grid, found: Sequence[Reading]) -> list[list[Reading]]:
     apart: list[list[Reading]] = []
     for samples in columns.values():
         values = [dict(r.values) for r in samples]
-        keys = [(r.drive, r.group, *(v[n] for n in CONDITION_COLUMNS)) for r, v in zip(samples, values, strict=True)]
+        keys = [
+            (r.drive, r.group, r.session, *(v[n] for n in CONDITION_COLUMNS))
+            for r, v in zip(samples, values, strict=True)
+        ]
         times = [v[TIME] for v in values]
         parts = blocks(keys, times)
         if (at := runs_on(parts, times)) is not None:
@@ -173,4 +176,5 @@ def trace_of(number: int, trace: Trace) -> Group:
         time_us=values[TIME],
         measured=np.full(len(part), TRACES[column], np.int8),
         reading=values[column],
+        session=part[0].session,
     )

@@ -11,6 +11,7 @@ from itertools import zip_longest
 
 from psafit.drives import TABLE, WAVEFORMS, Drive, from_zero, instead, peak_to_peak
 from psafit.errors import InputError
+from psafit.experiment.definition import id_of
 from psafit.experiment.drive_table import level
 from psafit.experiment.importing.chosen import (
     BIAS,
@@ -29,9 +30,9 @@ from psafit.experiment.importing.layout import Body, Head, names_condition, wave
 from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, in_both
 from psafit.experiment.importing.over_time import OF_DAY
 from psafit.experiment.importing.quantities import COLUMNS, SIGMA, VOLTS, Volts, words
-from psafit.experiment.importing.records import GROUPS, IGNORED, Options
+from psafit.experiment.importing.records import GROUPS, IGNORED, SESSIONS, Options
 from psafit.experiment.plausible import is_usual
-from psafit.experiment.records import CONDITION_COLUMNS
+from psafit.experiment.records import CONDITION_COLUMNS, GroupId
 from psafit.experiment.table import CellFault, RowFaults, within
 from psafit.experiment.text import shown
 from psafit.experiment.trace_table import TIME, TRACES, possible
@@ -39,7 +40,7 @@ from psafit.experiment.trace_table import TIME, TRACES, possible
 
 @dataclass(frozen=True)
 class Reading:
-    """One reading: where it stands, which group it is of, and the values of psafit's columns.
+    """One reading: where it stands, which group and session it is of, and the values of psafit's columns.
 
     Of a trace also its column, and how its amplitude was counted in the file.
     """
@@ -50,6 +51,7 @@ class Reading:
     values: tuple[tuple[str, float], ...]
     place: int = 0
     counted: Volts = "peak"
+    session: GroupId | None = None
 
 
 def readings(
@@ -97,6 +99,7 @@ def readings(
         label = " ".join(text_of(_cell(row, c)) for c in chosen.of(GROUPS))
         if chosen.of(GROUPS) and not label:
             faults.add(GROUPS, "has no label", "write it into each row, also where cells were merged", row.line)
+        session = _session(row, chosen, faults)
         repetitions = _repetitions(values, times, chosen)
         if faults.count == before and not repetitions:
             what, remedy = "is empty", "enter the value, or delete the row if nothing was read"
@@ -114,7 +117,7 @@ def readings(
             counted = _counted(row, chosen, first, notation, options)
             _check_effective(grid, row, drive, counted)
             place = first.place if chosen.traced else 0
-            found.append(Reading(row.line, drive, label, tuple(known.items()), place, counted))
+            found.append(Reading(row.line, drive, label, tuple(known.items()), place, counted, session))
             if not chosen.of(VOLTAGE):
                 check_ends(grid, found[-1], drive)
             for c, v in read.items():
@@ -335,6 +338,19 @@ def _waveform(row: Row, chosen: Chosen, given: str, options: Options, faults: Ro
         return next(iter(WAVEFORMS))
 
 
+def _session(row: Row, chosen: Chosen, faults: RowFaults) -> GroupId | None:
+    """The session of a row, where a column names it; a number, which might be a group's id, with a word before it."""
+    if not (columns := chosen.of(SESSIONS)):
+        return None
+    text = " ".join(text_of(_cell(row, c)) for c in columns)
+    name = id_of(text)
+    if name is None:
+        faults.add(
+            SESSIONS, f"{shown(text)} is no name of a session", "write letters or digits into each row", row.line
+        )
+    return f"session{name}" if isinstance(name, int) else name
+
+
 def _meant(text: str, options: Options) -> str:
     """What a cell's word for a waveform means, where that is said."""
     return next((name for said, name in options.meant if word(said) == word(text)), text)
@@ -459,12 +475,12 @@ def peak(volts: Volts, drive: Drive) -> Decimal:
     return Decimal(form.crest_squared).sqrt()
 
 
-def groups_of(found: Sequence[Reading]) -> dict[tuple[Drive, str], list[Reading]]:
-    """Readings by waveform and label, in the order of the file."""
-    parts: dict[tuple[Drive, str], list[Reading]] = {}
+def groups_of(found: Sequence[Reading]) -> list[list[Reading]]:
+    """Readings by waveform, label and session, in the order of the file."""
+    parts: dict[tuple[object, ...], list[Reading]] = {}
     for reading in found:
-        parts.setdefault((reading.drive, reading.group), []).append(reading)
-    return parts
+        parts.setdefault((reading.drive, reading.group, reading.session), []).append(reading)
+    return list(parts.values())
 
 
 __all__ = ["Reading", "check_ends", "groups_of", "known_waveform", "notation_of", "peak", "readings"]
