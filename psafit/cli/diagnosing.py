@@ -35,7 +35,6 @@ from psafit.cli.common import (
 from psafit.text import fixed, set_name
 
 if TYPE_CHECKING:
-    from psafit.diagnose.answer.statement import Statement
     from psafit.diagnose.record import Diagnosis
     from psafit.diagnose.record.models import CauseResult
     from psafit.parameters import Belief
@@ -179,15 +178,14 @@ def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: in
 
     click.echo(result.headline)
     said = [s for s in answer(result, beliefs) if not isinstance(s, Sizes)]  # they stand in the table
-    more = [s for s in said if s.topic in ("besides", "detail", "searched")]
 
-    def say(statement: Statement) -> None:
-        lines = (line.rstrip() for line in f"  {statement.say(TERMINAL)}".splitlines())
-        click.echo("\n".join(filter(None, lines)))
+    def say(*, besides: bool) -> None:
+        for statement in said:
+            if (statement.topic in ("besides", "detail", "searched")) is besides:
+                lines = (line.rstrip() for line in f"  {statement.say(TERMINAL)}".splitlines())
+                click.echo("\n".join(filter(None, lines)))
 
-    for statement in said:
-        if statement not in more:
-            say(statement)
+    say(besides=False)
     given_named = result.mostly_unnamed or result.verdict == "unexplained"
     if given_named:
         click.echo("  if the truth were in the catalogue:")
@@ -211,14 +209,13 @@ def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: in
             click.echo(f"           {line}")
     for place in result.misfit.where[:5]:
         click.echo(f"  baseline, {place.text}")
-    click.echo("what these readings say besides:")
-    for statement in more:
-        say(statement)
     if not result.numerics.converged:
         click.echo(f"  {unresolved(result.numerics.error, result.numerics.required)}")
     for run in result.extension.values():
         if not run.converged:
             click.echo(f"  posterior of {' + '.join(run.terms)}: {run.message}")
+    click.echo("what these readings say besides:")
+    say(besides=True)
 
 
 def _say_after(result: Diagnosis, experiment: Path, folder: Path, page: Path | None) -> None:

@@ -75,16 +75,15 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
                 f"  group {group['id']}: {of.drive.label}, {count(group['n_points'], 'reading')}, "
                 f"{spans[0]}, {spans[1]} ({low:g} to {high:g} V), {read}{own}"
             )
-        for name in dict.fromkeys(content.get("instruments", {}).values()):
-            titles = [o.titles for o in OBSERVABLES if content["instruments"].get(o.column) == name]
+        named = dict.fromkeys(pair for g in data.groups for pair in g.named_instruments)
+        for name in dict.fromkeys(name for _, name in named):
+            titles = [o.titles for o in OBSERVABLES if (o.column, name) in named]
             click.echo(f"  instrument {name}: {' and '.join(titles)}")
         for known in content["priors"]:
             origin = ", from [rig]" if known["derived"] else ""
             click.echo(f"  prior of {label(known['name'])}{origin}: {known['prior']} ({known['source']})")
         if any("Cauchy" in known["prior"] for known in content["priors"]):
-            click.echo(
-                "  (in a Cauchy tail a value far beyond the plausible costs some nats: it is flagged, not excluded)"
-            )
+            click.echo("  (the tail is for values far beyond the plausible: they are flagged, not excluded)")
         for name, facts in content["lacking"].items():
             click.echo(f"  no prior of {name}, from [rig]: it needs {' and '.join(facts)}, too")
         warn(content["warnings"])

@@ -54,7 +54,7 @@ from psafit.inference.samplers.nautilus import NestedEvidence, nested_evidence, 
 from psafit.model_search import SearchSettings
 from psafit.model_search.model_set import CREDIBLE, ModelSet, key_of
 from psafit.numerics import refine
-from psafit.physics import TERMS
+from psafit.physics import TERMS, held_at_work
 from psafit.physics.term import Term
 from psafit.records import SCHEMA, Broken, ImportanceSummary, write_json
 from psafit.validate import predictive, tables_at, validate, write_predictions
@@ -516,9 +516,11 @@ def _model_set_of(
     progress: Callable[[str], None] = lambda what: None,
 ) -> ModelSet:
     """The model set of what some groups say."""
+    # What the rig is held to have counts for the values of the answer alone, which rests on all groups.
+    believed = held_at_work(experiment.beliefs) if groups == experiment.ids else {}
     return searched(
         Problem(experiment, groups), catalogue, seed=seed, settings=settings, memory=memory, jobs=jobs,
-        scheduler=scheduler, starts=starts, progress=progress,
+        scheduler=scheduler, starts=starts, held=[t.id for t in catalogue if t.id in believed], progress=progress,
     )  # fmt: skip
 
 

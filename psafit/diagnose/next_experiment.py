@@ -628,7 +628,7 @@ def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions
 
     In numbers that can be set on a generator, and with the readings' usual uncertainty where each states one.
     """
-    f, v = (np.resize(_settable(x, 4), proposal.n_readings) for x in (proposal.frequency_hz, proposal.amplitude_v))
+    f, v = (np.resize(_settable(x), proposal.n_readings) for x in (proposal.frequency_hz, proposal.amplitude_v))
     problem = Problem(measured, measured.ids)
     kind = proposal.measured(problem)
     usual = problem.sigma_to_come(kind)
@@ -643,12 +643,19 @@ def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions
         changed=tuple(proposal.constants.items()),
         sigma=None if usual is None else np.full(f.size, usual),
         measured=np.full(f.size, kind, np.int8),
-        time_us=None if proposal.time_us is None else _settable(proposal.time_us, 6),
+        time_us=None if proposal.time_us is None else _settable(proposal.time_us),
     )
 
 
-def _settable(values: Sequence[float], digits: int) -> FloatArray:
-    """Some digits of each; none is beyond the least or greatest by more than the last digits of its computation."""
-    rounded, given = np.array([float(f"{x:.{digits}g}") for x in values]), np.array(values)
+def _settable(values: Sequence[float], fewest: int = 4, most: int = 6) -> FloatArray:
+    """The fewest digits of each by which those that differ still do.
+
+    None is beyond the least or the greatest by more than the last digits of its computation.
+    """
+    given = rounded = np.array(values)
+    for digits in range(fewest, most + 1):
+        rounded = np.array([float(f"{x:.{digits}g}") for x in values])
+        if np.unique(rounded).size == np.unique(given).size:
+            break
     within = np.clip(rounded, given.min(), given.max())
     return np.where(np.isclose(rounded, within, rtol=1e-9, atol=0.0), rounded, within)

@@ -61,7 +61,7 @@ from psafit.validate import without_each
 def causes_of(model_set: ModelSet, verdict: Verdict, most: int = 12, least: float = 1e-4) -> list[CauseResult]:
     """The models of the record, the most probable first: `most` of them, none below the probability `least`.
 
-    Best model, alternatives and baseline are there in any case, and the best that was sampled without a named cause.
+    Best model, alternatives and baseline are there in any case, and the best without a named cause if that was sampled.
     """
     likely = [ids for ids in model_set.by_probability() if model_set.probability[ids] >= least]
     shown = [model_set.of(ids) for ids in likely[:most]]
@@ -98,33 +98,35 @@ def sessions_of(model_set: ModelSet, candidate: Candidate) -> list[SessionResult
     return found
 
 
+def moved_in(model_set: ModelSet, ids: Ids, named: Ids) -> list[str]:
+    """Physical parameters of a sampled set that leave their 90 % intervals in a larger one."""
+    if named not in model_set.samples:
+        return []
+    own, there = model_set.of(named).problem, model_set.of(ids).problem.names
+    low, high = model_set.quantiles(named, (0.05, 0.95))
+    (median,) = model_set.quantiles(ids, (0.5,))
+    return [
+        name for k, name in enumerate(own.names[: own.n_physical]) if not low[k] <= median[there.index(name)] <= high[k]
+    ]
+
+
 def counted_sets(model_set: ModelSet, named: Ids) -> list[Ids]:
-    """Larger sets that count, though not all of their causes show, and would change what is named.
+    """Larger sets that count, though not all of their causes show.
 
-    What somebody holds to be at work comes first, if it moves a value; then those for which the readings speak.
+    The one with what is held to be at work, if it moves a value, and then those for which the readings speak.
     """
-    own, n = model_set.of(named).problem, model_set.of(named).problem.n_physical
-    low, high = model_set.quantiles(named, (0.05, 0.95))[:, :n]
-
-    def moves(ids: Ids) -> bool:
-        names, (median,) = model_set.of(ids).problem.names, model_set.quantiles(ids, (0.5,))
-        there = median[[names.index(name) for name in own.names[:n]]]
-        return bool(((there < low) | (there > high)).any())
-
-    held = [ids for ids in model_set.as_held(named) if moves(ids)]
+    held = [ids for ids in model_set.as_held(named) if moved_in(model_set, ids, named)]
     return [*held, *(ids for ids in model_set.counted_with(named) if ids not in held)]
 
 
 def counted_of(model_set: ModelSet, adopted: Candidate) -> list[Counted]:
     """What `counted_sets` would change of what is adopted."""
-    own, found = _parameters(model_set, adopted), []
-    physical = adopted.problem.names[: adopted.problem.n_physical]
+    found = []
     for ids in counted_sets(model_set, adopted.ids):
         larger = model_set.of(ids)
         values = _parameters(model_set, larger)
         added = {p.name for t in larger.terms if t.id not in adopted.ids for p in t.parameters}
-        ends = {name: interval for name in physical if (interval := own[name].interval)}
-        moved = {name: values[name] for name, (low, high) in ends.items() if not low <= values[name].median <= high}
+        moved = {name: values[name] for name in moved_in(model_set, ids, adopted.ids)}
         more = {name: p for name, p in values.items() if name in added}
         by_readings = math.exp(model_set.log_evidence[ids] - model_set.log_evidence[adopted.ids])
         found.append(Counted(list(ids), model_set.odds(ids, adopted.ids), more, moved, by_readings))

@@ -10,7 +10,6 @@ from typing import Any
 from psafit.diagnose.misfit import passes
 from psafit.inference.problem import Problem
 from psafit.model_search import ModelSet, search_models
-from psafit.physics import held_at_work
 from psafit.physics.term import Term
 
 
@@ -28,5 +27,4 @@ def searched(problem: Problem, catalogue: Sequence[Term], *, seed: int, **option
     """
     catalogue = replace(problem, terms=tuple(catalogue)).terms  # with the priors that the experiment states
     judge = partial(passes, catalogue=catalogue, seed=seed)
-    held = [t.id for t in catalogue if t.id in held_at_work(problem.experiment.beliefs)]
-    return search_models(problem, catalogue, seed=seed, held=held, passes=judge, **options)
+    return search_models(problem, catalogue, seed=seed, passes=judge, **options)

@@ -16,7 +16,7 @@ from psafit.experiment.definition import DeclaredGroup, Definition
 from psafit.experiment.plausible import (
     copied_groups,
     disagreeing_groups,
-    idle_instruments,
+    doubtful_instruments,
     left_from_example,
     rescaled_groups,
     suspicious_constants,
@@ -125,7 +125,7 @@ def read_experiment(folder: str | Path) -> Experiment:
             *disagreeing_groups(groups),
             *rescaled_groups(groups),
             *traced_together(groups),
-            *idle_instruments(groups),
+            *doubtful_instruments(groups),
         ),
     )
 

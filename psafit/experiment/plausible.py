@@ -570,7 +570,7 @@ def _rows(group: Group) -> FloatArray:
     return np.column_stack([group.conditions, group.reading])
 
 
-def idle_instruments(groups: Sequence[Group]) -> list[str]:
+def doubtful_instruments(groups: Sequence[Group]) -> list[str]:
     """One line for each instrument that reads no column of the groups, and for names that differ in case alone."""
     named = dict(pair for group in groups for pair in group.instruments)
     read = {o.column for group in groups for o in group.observables}

@@ -323,13 +323,12 @@ class _Known(Generic[Content]):
     def settle(self, wanted: Sequence[Ids]) -> bool:
         """Fit the first of some sets that was not fitted, or sample the first that was not; False where none is left.
 
-        One keeps its estimate if no draw lies within its bounds. A set of more causes than one may have is left out.
+        One keeps its estimate if no draw lies within its bounds.
         """
-        if new := [ids for ids in wanted if ids not in self.models and len(ids) <= self.settings.most_causes]:
+        if new := [ids for ids in wanted if ids not in self.models]:
             self.keep(self.fitter.short(new[:1], self.models))
             return True
-        known = [self.models[ids] for ids in wanted if ids in self.models]
-        waiting = [model for model in known if not model.sampled and model.ids not in self.unsampled]
+        waiting = [self.models[ids] for ids in wanted if not self.models[ids].sampled and ids not in self.unsampled]
         if not waiting:
             return False
         first, *others = waiting

@@ -36,6 +36,7 @@ CREDIBLE = 0.95
 """Probability of the reported set."""
 DECISIVE = math.log(CREDIBLE / (1 - CREDIBLE))
 """Such odds, in nats."""
+_LEAST = (1 - CREDIBLE) / CREDIBLE
 NEGLIGIBLE = 0.01
 """Probability of all sets that were not sampled below which they may be passed over in silence."""
 
@@ -106,6 +107,8 @@ class ModelSet:
         sets that were not fitted.
     held : tuple of str
         Causes that somebody holds to be at work, by what is known of this rig, whether they show or not.
+    most_causes : int
+        Causes that a set may have.
     """
 
     candidates: tuple[Candidate, ...]
@@ -117,6 +120,7 @@ class ModelSet:
     visible: float = SearchSettings.visible
     neighbours: bool = False
     held: tuple[str, ...] = ()
+    most_causes: int = SearchSettings.most_causes
     at_work: Mapping[Ids, float] = field(kw_only=True)
 
     def of(self, ids: Ids) -> Candidate:
@@ -160,7 +164,9 @@ class ModelSet:
         best = self.best_model.ids
         tied, more = (self.needed(best), self._favoured(best)) if best else ((), [])
         first = () if any(ids in self.samples for ids in tied) else tied[:1]
-        return tuple(dict.fromkeys((*self.likely, *first, *more, *self._as_held(best))))
+        adopted = dict.fromkeys([best, *([()] if () in self.likely else [])])  # the verdict may be that nothing shows
+        held = [ids for named in adopted for ids in self._as_held(named)]
+        return tuple(dict.fromkeys((*self.likely, *first, *more, *held)))
 
     def draws(self, ids: Ids, seed: int) -> ImportanceSample:
         """Posterior draws of a model; worked out for one that the search did not sample."""
@@ -239,34 +245,44 @@ class ModelSet:
         return tuple(ids for ids in favoured if samples[ids].standard_error < self.log_evidence[ids] - own)
 
     def as_held(self, named: Ids) -> tuple[Ids, ...]:
-        """The named set with what is held to be at work, if that was sampled and is the more probable; or none."""
-        return tuple(ids for ids in self._as_held(named) if ids in self.samples and self.odds(ids, named) > 1.0)
+        """Of the named set with causes that are held to be at work the most probable, if it exceeds the named one."""
+        found = [ids for ids in self._as_held(named) if ids in self.samples and self.odds(ids, named) > 1.0]
+        return tuple(sorted(found, key=lambda ids: -self.odds(ids, named))[:1])
 
     def _as_held(self, named: Ids) -> list[Ids]:
-        """The named set with what is held to be at work, but for causes that make it improbable; it, or none."""
-        least = (1 - CREDIBLE) / CREDIBLE
+        """The named set with each cause that is held to be at work, and with all of those that make it more probable.
 
-        def with_them(more: Iterable[str]) -> Ids:
-            wanted = {*named, *more}
-            return tuple(id for id in self.beliefs if id in wanted)
+        Left out is what an estimate says to be improbable, and what is reported by itself. No set has more causes than
+        one may have; the likeliest come first.
+        """
+
+        def with_them(*more: str) -> Ids:
+            return tuple(id for id in self.beliefs if id in {*named, *more})
 
         def possible(ids: Ids) -> bool:
+            least = 1.0 if ids in self.samples else _LEAST
             return ids not in self.log_evidence or self.odds(ids, named) >= least
 
-        ids = with_them(id for id in self.held if possible(with_them([id])))
-        reported = self.needed(named) if named else self.likely
-        return [ids] if len(ids) > len(named) and ids not in reported and possible(ids) else []
+        held = sorted((id for id in self.held if id not in named), key=lambda id: -self.beliefs[id])
+        some = [id for id in held if possible(with_them(id))][: max(self.most_causes - len(named), 0)]
+        sets = [with_them(id) for id in some]
+        if len(some) > 1 and all(ids in self.samples for ids in sets):
+            sets.append(with_them(*some))
+        return [ids for ids in sets if possible(ids) and ids not in self._reported(named)]
+
+    def _reported(self, named: Ids) -> tuple[Ids, ...]:
+        """Sets that are reported for their own probability, next to the named one."""
+        return self.needed(named) if named else self.likely
 
     def _favoured(self, named: Ids, most: int = 4) -> list[Ids]:
         """As of `counted_with`, those of which an estimate alone says so among them; `most`, the likeliest first."""
-        own, least = self.log_evidence[named], (1 - CREDIBLE) / CREDIBLE
-        reported = self.needed(named) if named else self.likely
+        own, reported = self.log_evidence[named], self._reported(named)
         odds = {
             ids: self.odds(ids, named)
             for ids, evidence in self.log_evidence.items()
             if set(ids) > set(named) and ids not in reported and 0.0 < evidence - own < self.visible
         }
-        return sorted((ids for ids in odds if odds[ids] >= least), key=lambda ids: -odds[ids])[:most]
+        return sorted((ids for ids in odds if odds[ids] >= _LEAST), key=lambda ids: -odds[ids])[:most]
 
     def quantiles(self, ids: Ids, q: Sequence[float]) -> FloatArray:
         """Quantiles of a model's parameters, (len(q), n_dim), in their units; its mode where it was not sampled."""
@@ -413,5 +429,6 @@ def rank(
         visible=settings.visible,
         neighbours=searched.whole,
         held=tuple(held),
+        most_causes=settings.most_causes,
         at_work=at_work,
     )

@@ -192,11 +192,18 @@ def meaning(name: str) -> str:
     return _KNOWN[name].description if name in _KNOWN else ""
 
 
-def held_at_work(beliefs: Iterable[Belief], *, likely: float = 0.5) -> dict[str, Belief]:
-    """Causes that an experiment holds to be at work for more than `likely`, and the belief of each that says so."""
+def held_at_work(beliefs: Iterable[Belief]) -> dict[str, tuple[float, str]]:
+    """Causes that an experiment holds to be at work rather than not: how probable they are, and the table that says so.
+
+    >>> held_at_work([Belief("gap_width", None, "seen", probability=0.8)])
+    {'gap': (0.8, '[prior]')}
+    """
     every = list(beliefs)
     said = {t.id: leading_belief(b for b in every if owner(b.name) == t.id) for t in TERMS}
-    return {id: b for id, b in said.items() if b is not None and b.probability is not None and b.probability > likely}
+    return {
+        id: (b.probability, "[rig]" if b.derived else "[prior]")
+        for id, b in said.items() if b is not None and b.probability is not None and b.probability > 0.5
+    }  # fmt: skip
 
 
 def redefined(ids: Iterable[str]) -> dict[str, dict[str, str]]:

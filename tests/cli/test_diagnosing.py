@@ -132,6 +132,23 @@ def test_what_had_to_do_is_compared_among_models_of_the_catalogue(capsys: pytest
     assert shares[0] == pytest.approx(100 * record.causes[0].evidence.share, abs=0.06)
 
 
+def test_the_terminal_answers_first(capsys: pytest.CaptureFixture[str]) -> None:
+    """Then come the models, what is not resolved, and what else the readings say."""
+    record = make_record(make_experiment())
+    say_diagnosis(replace(record, numerics=replace(record.numerics, converged=False)))
+    text = capsys.readouterr().out
+    order = (
+        "verdict: ",
+        "The tests find",
+        "log likelihood",
+        "has not converged",
+        "what these readings say besides:\n",
+        "Furthest",
+    )
+    places = [text.index(part) for part in order]
+    assert places == sorted(places)
+
+
 def in_one_line(text: str) -> str:
     """A text without what lists its parts: `; or`, full stops, or a line each."""
     return re.sub(r"(?:; or|[-.;\s])+", " ", text)

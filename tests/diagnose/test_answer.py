@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from diagnoses_by_hand import make_experiment, make_record
@@ -22,6 +23,7 @@ from psafit.diagnose.show import Offset
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
 from psafit.model_search.model_set import LookedAt
+from psafit.parameters import Belief, LogNormal
 from psafit.records import Broken, Overdamped
 from psafit.report.diagnosis import remaining
 from psafit.report.diagnosis.answer import kind
@@ -498,24 +500,30 @@ def test_what_may_be_at_work_as_well_is_said_with_what_it_would_change() -> None
     assert not of(replace(adequate, verdict="unexplained", named=["gap"]), TooWeak), "a wrong model says nothing of it"
 
 
-def test_what_is_likely_by_the_rig_and_moves_the_values_stands_next_to_them() -> None:
+def test_what_the_rig_is_held_to_have_and_moves_the_values_stands_next_to_them() -> None:
     d = record()
     assert d.best_model
     size, own = ParameterResult(6e-6, 3e-6, 8e-6, "s", "lag", 0.5), d.best_model.parameters["k_c"]
     moved = {"k_c": replace(own, median=41.0, lower=13.0, upper=104.0)}
     counted = Counted([*d.named, "amplifier_lag"], 7.1, {"amplifier_lag_tau": size}, moved, 0.37)
-    (found,) = of(replace(d, counted=[counted]), TooWeak)
+    belief = Belief("amplifier_lag_tau", LogNormal(9e-6, 1.3), "20 ohm", probability=0.95, derived=True)
+
+    def weak(*beliefs: Belief, **change: Any) -> TooWeak:
+        given = answer(replace(d, counted=[replace(counted, **change)]), beliefs)
+        (found,) = [s for s in given if isinstance(s, TooWeak)]
+        return found
+
+    found = weak(belief)
     said = found.say(PLAIN)
     assert found.topic == "wrong" and said.startswith(
-        "These values are without amplifier_lag. The readings do not show it, but by what is known of the rig it is"
-        " likely to be at work: 7.1 to 1 (a factor of 0.37 by the readings). With it, k_c = 41 (13 to 104) N/m, not "
+        "The values of hysteresis are without amplifier_lag (95 % by [rig]), which the readings do not show. With it"
+        " the set is 7.1 times as probable. With it, k_c = 41 (13 to 104) N/m, not "
     )
     assert said.endswith(
-        " To see amplifier_lag: the voltage at the stack after a step of the command, on an oscilloscope."
+        "To see amplifier_lag: the voltage at the stack after a step of the command, on an oscilloscope."
     )
-    # What the readings favour, or what moves nothing, stands besides.
-    for change in ({"by_readings": 8.0}, {"moved": {}}, {"odds": 0.8}):
-        (other,) = of(replace(d, counted=[replace(counted, **change)]), TooWeak)
+    # What nobody holds, though the catalogue expects it, what moves nothing and what is improbable stands besides.
+    for other in (weak(), weak(belief, moved={}), weak(belief, odds=0.8)):
         assert other.topic == "besides" and other.say(PLAIN).startswith("Perhaps at work as well")
 
 

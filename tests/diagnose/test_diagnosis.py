@@ -22,11 +22,12 @@ from psafit.diagnose.significance import lead
 from psafit.errors import InputError
 from psafit.experiment import fingerprint
 from psafit.forecast import Silent
+from psafit.inference.memory import Memory
 from psafit.inference.problem import Problem
 from psafit.inference.run import fit as run_fit
 from psafit.inference.run_folder import load
 from psafit.inference.samplers.emcee import Settings
-from psafit.model_search import search_models
+from psafit.model_search import SearchSettings, search_models
 from psafit.parameters import Belief, Normal
 from psafit.physics import TERMS
 from psafit.records import read_json
@@ -167,6 +168,17 @@ def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, 
         (tmp_path / "two" / quick.predictions).unlink()
         with pytest.raises(AttributeError):
             diagnose(e, ["a"], tmp_path / "two", **asked)
+
+
+def test_what_the_rig_is_held_to_have_is_asked_of_all_groups_alone(monkeypatch):
+    """The values of the answer rest on these; nothing else reads it."""
+    short = Belief("amplifier_lag_tau", Normal(0.0, 3e-7), "data sheet", probability=0.95)
+    rare = Belief("gap_width", Normal(0.0, 3e-7), "seen", probability=0.2)
+    data, asked = replace(experiment(n=8), beliefs=(short, rare)), []
+    monkeypatch.setattr(diagnosis, "searched", lambda *args, **options: asked.append(options["held"]))
+    for groups in (data.ids, data.ids[:2]):
+        diagnosis._model_set_of(Memory(None), data, TERMS, 1, SearchSettings(), groups)
+    assert asked == [["amplifier_lag"], []]
 
 
 def test_only_the_causes_asked_for_are_looked_at(tmp_path):

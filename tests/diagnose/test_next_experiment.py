@@ -296,6 +296,10 @@ def test_planned_numbers_can_be_set_on_a_generator(sound):
     )
     plan = next_experiment.planned(here, "next", sound.problem.experiment)
     assert plan.amplitude_v.tolist() == [11.84, 13.33, 38.85]
+    near = replace(here, frequency_hz=[19990.0, 19992.5, 19995.0])
+    assert next_experiment.planned(near, "next", sound.problem.experiment).frequency_hz.tolist() == [
+        19990.0, 19992.0, 19995.0
+    ]  # fmt: skip
     plan = next_experiment.planned(
         replace(here, amplitude_v=[2.0, 19.9999994, 19.99]), "next", sound.problem.experiment
     )

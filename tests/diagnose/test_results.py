@@ -14,7 +14,17 @@ from psafit.diagnose.answer.besides import Furthest
 from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.record.models import NEAREST, NEXT_BEST, NOT_EXCLUDED, UNSEEN
-from psafit.diagnose.results import cause_result, counted_of, misfit_of, screening_of, separated, sessions_of, word_for
+from psafit.diagnose.results import (
+    cause_result,
+    counted_of,
+    counted_sets,
+    misfit_of,
+    moved_in,
+    screening_of,
+    separated,
+    sessions_of,
+    word_for,
+)
 from psafit.diagnose.room import Room
 from psafit.diagnose.screening import screen
 from psafit.diagnose.words import NO_ACTION, PLAIN
@@ -119,6 +129,28 @@ def test_what_each_session_has_is_reported(ids, strengths, expected, unit):
     ends = [expected[2] * power**z for z in (0.05, 0.5, 0.95)]
     assert [first.value.lower, first.value.median, first.value.upper] == pytest.approx(ends)
     assert all(s.value.lower == pytest.approx(s.value.upper) for s in others)
+
+
+@pytest.mark.parametrize(
+    ("shift", "sampled", "counted"),
+    [(3.0, True, [("amplifier_lag",), ("gap",)]), (0.1, True, [("gap",)]), (3.0, False, [("gap",)])],
+    ids=["moves a value", "moves nothing", "nothing to compare with"],
+)
+def test_what_is_held_to_be_at_work_counts_where_it_moves_a_value(shift, sampled, counted):
+    """Before what the readings favour."""
+    own = problem(experiment(n=4))
+    sets = {ids: replace(own, terms=tuple(terms(ids))) for ids in ((), ("amplifier_lag",), ("gap",))}
+
+    def quantiles(ids, q):
+        middle = sets[ids].medians + (shift if ids == ("amplifier_lag",) else 0.0)
+        return middle + np.array([2.0 * (p - 0.5) for p in q])[:, None]  # 90 % within 0.9 of the middle
+
+    model_set = SimpleNamespace(
+        of=lambda ids: SimpleNamespace(problem=sets[ids]), quantiles=quantiles, samples=[()] if sampled else [],
+        as_held=lambda named: (("amplifier_lag",),), counted_with=lambda named: (("gap",),),
+    )  # fmt: skip
+    assert counted_sets(model_set, ()) == counted
+    assert (moved_in(model_set, ("amplifier_lag",), ()) == ["k_c", "c_s", "c_c"]) is (len(counted) == 2)
 
 
 @pytest.mark.slow

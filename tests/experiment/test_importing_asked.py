@@ -366,8 +366,10 @@ def test_words_that_may_be_waveforms_are_pointed_to(tmp_path: Path) -> None:
     """Where no column is called one, and psafit knows none of the words; the remedy does what it says."""
     content = "Drive;f (Hz);Vp;Range (um)\noffset sine;1200;20;76\noffset sine;1300;20;75\n"
     asked = refused(tmp_path, content, waveforms=())
-    assert "nothing says which waveform of the drive, but perhaps 'Drive': 'offset sine'" in asked
-    assert "say what its words mean, --waveform 'offset sine=NAME', or --waveform NAME, of sine" in asked
+    assert "nothing says which waveform of the drive; 'Drive' may" in asked
+    assert "say what each word means, --waveform 'offset sine=NAME', or --waveform NAME, of sine" in asked
+    times = "When;f (Hz);Vp;Range (um)\n" + "".join(f"at {k} h;{1200 + k};20;76\n" for k in range(9))
+    assert "nothing says which waveform of the drive; say --waveform NAME" in refused(tmp_path, times, waveforms=())
     (table,) = tables(tmp_path, content, waveforms=(), meant=(("offset sine", "unipolar_sine"),))
     assert [g.waveform for g in table.groups] == ["unipolar_sine"]
 

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -192,23 +193,48 @@ def test_the_best_without_a_cause_is_no_set_with_what_is_likely_and_does_nothing
     ]  # fmt: skip
 
 
+HELD = BELIEFS | {"b": 0.95, "c": 0.7, "d": 0.8}
+
+
+def held_set(evidence: dict[Ids, float], sampled: Sequence[Ids], alone: Ids = ("a",), **change: Any) -> ModelSet:
+    """Sets of which one alone shows, and causes b, c and d that somebody holds to be at work."""
+    found = ranked(evidence, dict.fromkeys(sampled, 0.1), beliefs=HELD, held="bcd")
+    return replace(found, **{"probability": dict.fromkeys(evidence, 0.0) | {alone: 1.0}, **change})
+
+
 def test_what_is_named_is_asked_with_what_somebody_holds_to_be_at_work() -> None:
-    """Though the readings do not favour it; but not with a cause that they speak against."""
-    believed, held = BELIEFS | {"b": 0.95, "c": 0.7, "d": 0.8}, ("b", "c", "d")
-    evidence = {(): 0.0, ("a",): 20.0, ("a", "b"): 19.0, ("a", "c"): 10.0}
-    share = dict.fromkeys(evidence, 0.0) | {("a",): 1.0}  # nothing else shows
-    begun = ranked(evidence, {(): 0.0, ("a",): 0.0}, beliefs=believed, held=held)
-    # Of "d" nothing is known: all but "c" are fitted together.
-    assert ("a", "b", "d") in replace(begun, probability=share).decisive
-    assert replace(begun, probability=share, held=()).decisive == (("a",),)
-    for more, counted in ((18.5, True), (15.0, False)):
-        evidence[("a", "b", "d")] = more
-        share[("a", "b", "d")] = 0.0
-        found = ranked(evidence, {(): 0.0, ("a",): 0.0, ("a", "b", "d"): 0.1}, beliefs=believed, held=held)
-        found = replace(found, probability=share)
-        assert (found.as_held(("a",)) == (("a", "b", "d"),)) is counted
-    reported = replace(found, probability={**share, ("a",): 0.5, ("a", "b", "d"): 0.5})
-    assert not reported.as_held(("a",)), "it is reported by itself"
+    """One cause after the other, though the readings do not favour it; but not what they speak against."""
+    base: list[Ids] = [(), ("a",)]
+    evidence: dict[Ids, float] = {(): 0.0, ("a",): 20.0, ("a", "b"): 19.0, ("a", "c"): 10.0}
+    assert held_set(evidence, base).decisive == (("a",), ("a", "b"), ("a", "d"))
+    assert held_set(evidence, base, held=()).decisive == (("a",),)
+    assert held_set(evidence, base, most_causes=1).decisive == (("a",),)
+    assert held_set(evidence, base, most_causes=2).decisive == (("a",), ("a", "b"))
+    # Together those alone with which the set is more probable.
+    both: list[Ids] = [*base, ("a", "b"), ("a", "d")]
+    assert held_set(evidence | {("a", "d"): 19.5}, both).decisive[-1] == ("a", "b", "d")
+    assert ("a", "b", "d") not in held_set(evidence | {("a", "d"): 18.0}, both).decisive
+
+
+def test_the_most_probable_set_with_what_is_held_counts() -> None:
+    evidence: dict[Ids, float] = {
+        (): 0.0, ("a",): 20.0, ("a", "b"): 19.5, ("a", "c"): 10.0, ("a", "d"): 19.5, ("a", "b", "d"): 19.4
+    }  # fmt: skip
+    found = held_set(evidence, [*evidence])
+    assert found.as_held(("a",)) == (("a", "b", "d"),)
+    poor = held_set(evidence | {("a", "b", "d"): 12.0}, [*evidence])
+    assert poor.as_held(("a",)) == (("a", "b"),)
+    assert held_set(evidence, [(), ("a",)]).as_held(("a",)) == (), "an estimate is no finding"
+    shared = dict.fromkeys(evidence, 0.0) | {("a",): 0.5, ("a", "b", "d"): 0.5}
+    assert ("a", "b", "d") not in replace(found, probability=shared).as_held(("a",)), "it is reported by itself"
+
+
+def test_where_nothing_may_show_the_baseline_is_asked_with_what_is_held() -> None:
+    evidence: dict[Ids, float] = {(): 0.0, ("a",): 8.0, ("b",): -0.5, ("a", "b"): 7.8}
+    share = dict.fromkeys(evidence, 0.0)
+    for nothing, asked in ((0.14, True), (0.01, False)):
+        found = held_set(evidence, [(), ("a",)], probability=share | {(): nothing, ("a",): 1 - nothing})
+        assert (("b",) in found.decisive) is asked and ("a", "b") in found.decisive
 
 
 @pytest.mark.parametrize(

@@ -16,11 +16,11 @@ from psafit.diagnose.answer.besides import (
     Furthest,
     Indistinct,
     Lagging,
-    Likelier,
     Redefined,
     Room,
     TooWeak,
     Unseen,
+    WithHeld,
 )
 from psafit.diagnose.answer.findings import (
     WORTH_SAYING,
@@ -81,7 +81,14 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
     found += _kinds(d)
     if d.verdict == "unexplained" and (both := unlike(d.misfit.sessions, TERMS, ALPHA)):
         found.append(GainsDiffer(both))
-    found += [*_values(d), *map(BreaksLaw, d.laws), *_too_weak(d), *_unseen(d), *_at_work(d, beliefs), *_robust(d)]
+    found += [
+        *_values(d),
+        *map(BreaksLaw, d.laws),
+        *_too_weak(d, beliefs),
+        *_unseen(d),
+        *_at_work(d, beliefs),
+        *_robust(d),
+    ]
     if d.influence and (carried := [c for c in d.influence.causes if c.half]):
         found.append(LivesOn(carried, len(d.influence.tail)))
     if d.misfit.search:
@@ -227,13 +234,20 @@ def _sized(causes: list[CauseResult]) -> dict[str, ParameterResult]:
     return found
 
 
-def _too_weak(d: Diagnosis) -> Iterator[Statement]:
-    """Larger sets for which the readings speak by little: given a model that is wrong they say nothing."""
-    if d.best_model and d.verdict != "unexplained":
-        for counted in d.counted:
-            expected = counted.by_readings is not None and counted.odds > max(counted.by_readings, 1.0)
-            kind = Likelier if expected and counted.moved else TooWeak
-            yield kind(d.named, counted, d.best_model.parameters)
+def _too_weak(d: Diagnosis, beliefs: Sequence[Belief]) -> Iterator[Statement]:
+    """Larger sets that count, though not all of them shows: given a model that is wrong they say nothing.
+
+    With what the experiment holds to be at work the values belong to the short answer.
+    """
+    held = held_at_work(beliefs)
+    if not d.best_model or d.verdict == "unexplained":
+        return
+    for counted in d.counted:
+        more = [id for id in counted.terms if id not in d.named]
+        if counted.odds > 1.0 and counted.moved and held.keys() >= {*more}:
+            yield WithHeld(d.named, counted, d.best_model.parameters, [(id, *held[id]) for id in more])
+        else:
+            yield TooWeak(d.named, counted, d.best_model.parameters)
 
 
 def _unseen(d: Diagnosis) -> Iterator[Statement]:
@@ -253,25 +267,24 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
         yield Room(d.named, widest.id, share, unbounded, len(others), widest.room_at)
 
 
-def _at_work(d: Diagnosis, beliefs: Sequence[Belief], likely: float = 0.5) -> Iterator[Statement]:
-    """The causes that the experiment holds for more than `likely`: those the readings do not show, or speak against.
+def _at_work(d: Diagnosis, beliefs: Sequence[Belief]) -> Iterator[Statement]:
+    """The causes that the experiment holds to be at work: those the readings do not show, or speak against.
 
     They speak against a cause of which they leave less than would be seen, and which they would have shown. Given a
     model that is wrong they bound nothing: of what they would have shown nothing is said then.
     """
     silent, against, bounds = [], [], d.verdict != "unexplained"
     said_of = {id for ids in (d.named, *d.alternatives, *(c.terms for c in d.counted)) for id in ids}
-    held = held_at_work(beliefs, likely=likely)
+    held = held_at_work(beliefs)
     for s in d.screening:
-        said = held.get(s.id)
-        if s.id in said_of or said is None or said.probability is None:
+        if s.id in said_of or s.id not in held:
             continue
-        by, unseen = "[rig]" if said.derived else "[prior]", s.verdict in (UNSEEN, NO_ACTION)
+        (probability, by), unseen = held[s.id], s.verdict in (UNSEEN, NO_ACTION)
         little = s.verdict == NOT_PRESENT or (s.left is not None and s.left < VISIBLE <= s.visible)
-        if unseen or (bounds and s.verdict == NOT_EXCLUDED and s.inclusion < 1 - likely):
-            silent.append((s.id, by, said.probability, s.room))
-        elif little and s.inclusion < 1 - likely:
-            against.append((s.id, by, said.probability, s.inclusion))
+        if unseen or (bounds and s.verdict == NOT_EXCLUDED and s.inclusion < 0.5):
+            silent.append((s.id, by, probability, s.room))
+        elif little and s.inclusion < 0.5:
+            against.append((s.id, by, probability, s.inclusion))
     if silent:
         yield AtWork(silent, d.named, d.groups)
     if against:

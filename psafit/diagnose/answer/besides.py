@@ -180,23 +180,24 @@ class TooWeak(Statement):
 
 
 @dataclass(frozen=True)
-class Likelier(TooWeak):
-    """What does not show, is more probable at work than not, and would change the values: it belongs to these."""
+class WithHeld(TooWeak):
+    """The same of what the experiment holds to be at work, with its probability and the table that says so.
+
+    It does not show, and with it the set is more probable: what it does to the values belongs to these.
+    """
 
     topic = "wrong"
+    held: list[tuple[str, float, str]]
 
     def say(self, words: Words) -> str:
-        c, more = self.counted, [id for id in self.counted.terms if id not in self.adopted]
-        it, them = ("it", "it is") if len(more) == 1 else ("them", "they are")
-        by = "" if c.by_readings is None else words.put(
-            " (a factor of {} by the readings)", words.number(significant(c.by_readings, 2))
-        )  # fmt: skip
-        looks = (words.put(" To see {}: {}.", words.cause(t.id), t.look) for t in TERMS if t.look and t.id in more)
+        each = (words.put("{} ({} by {})", words.cause(id), words.per_cent(p), by) for id, p, by in self.held)
+        seen = {id for id, *_ in self.held}
+        looks = (words.put(" To see {}: {}.", words.cause(t.id), t.look) for t in TERMS if t.look and t.id in seen)
         return words.put(
-            "These values are without {}. The readings do not show {}, but by what is known of the rig {} likely to be"
-            " at work: {} to 1{}. {}{}",
-            words.listed(map(words.cause, more)), it, them, words.number(significant(c.odds, 2)), by,
-            self._moved(words), words.joined("", looks),
+            "The values of {} are without {}, which the readings do not show. With {} the set is {} times as probable."
+            " {}{}",
+            words.named_before(self.adopted), words.listed(each), "it" if len(seen) == 1 else "them",
+            words.number(significant(self.counted.odds, 2)), self._moved(words), words.joined("", looks),
         )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from psafit.diagnose.answer.statement import Statement
@@ -88,7 +89,7 @@ class ByChance(Statement):
             )
         n, most = len(s.null), max(s.null)
         as_much = sum(lead >= s.lead for lead in s.null)
-        highest = f"{fixed(most, 1)} nats of log posterior odds at most"
+        highest = f"{fixed(math.ceil(10 * most) / 10, 1)} nats of log posterior odds at most"
         most_text = highest if most > 0 else "none put a cause first"
         where = "on simulated baselines"
         if s.stored:

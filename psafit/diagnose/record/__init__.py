@@ -129,7 +129,7 @@ class Diagnosis(Brief):
         probable, it breaks a law, or it has implausible values. An ambiguous verdict has one of the last two, too.
     counted : list of Counted
         Larger sets than what is named, or than the baseline of an adequate verdict, for which the readings speak by
-        too little to go on from.
+        too little to go on from, or which are more probable by what is known of the rig.
     without : list of Without
         Of each named cause the best set that lacks it, the nearest first.
     looks : list of Look

@@ -158,7 +158,7 @@ class CauseResult(Brief):
 
 @dataclass(frozen=True)
 class Counted:
-    """A set with more causes than the adopted one: the readings speak for it, by less than three nats.
+    """A set with more causes than the adopted one: the readings speak for it by little, or the rig does.
 
     Parameters
     ----------

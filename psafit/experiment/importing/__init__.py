@@ -615,14 +615,12 @@ def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options)
             raise InputError(what, f"{remedy}, and give each waveform a file of its own", file=grid.file, line=line)
     if not (recorded or column or given):
         used = {c.place for c in chosen.columns}
-        for place, texts in columns_in_words(grid, head).items():
-            if place not in used:
-                heading = head.headings[place].text
-                what = f"nothing says which waveform of the drive, but perhaps {shown(heading)}: {shown(texts[0])}"
-                each = ",".join(f"{text}=NAME" for text in texts)
-                meant = f"say what its words mean, --waveform {shlex.quote(each)}"
-                remedy = f"{meant}, or --waveform NAME, of {listed(NAMES)}"
-                raise InputError(what, remedy, file=grid.file, line=head.line)
+        in_words = {place: texts for place, texts in columns_in_words(grid, head).items() if place not in used}
+        if few := {head.headings[k].text: texts for k, texts in in_words.items() if len(texts) <= len(NAMES)}:
+            what = f"nothing says which waveform of the drive; {listed(map(shown, few))} may"
+            each = shlex.quote(f"{next(iter(few.values()))[0]}=NAME")
+            remedy = f"say what each word means, --waveform {each}, or --waveform NAME, of {listed(NAMES)}"
+            raise InputError(what, remedy, file=grid.file, line=head.line)
         remedy = f"say --waveform NAME, of {listed(NAMES)}; of several tables --waveform sine,square"
         if chosen.traced:
             remedy = f"{remedy}; of a drive that was recorded {option('NAME', VOLTAGE, 'V')}"
