@@ -42,7 +42,6 @@ from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
 from psafit.physics.term import ReferenceRig, Term
 from psafit.simulate import Design
-from psafit.simulate.design import patterns
 from psafit.simulate.literal import launch_in, motion_in, reference_rig
 from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import Side, share_of
@@ -506,7 +505,7 @@ class _Rigs:
 
         It reads the launch range if any does: ranges are simulated as they are read.
         """
-        return patterns(self.design, chosen)
+        return self.design.patterns(chosen)
 
     def at(self, i: int) -> tuple[ReferenceRig, Point]:
         """The rig, and the drive, of a point."""

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.possible import Possible, TraceSettings, contact_times, proposals, traces
+from psafit.diagnose.possible import Possible, TraceSettings, contact_times, may_be_read, proposals, traces
 from psafit.experiment import Constants
 from psafit.experiment.records import Conditions
 from psafit.inference import noise
@@ -440,8 +440,8 @@ def isolability(
     confounded = [t for t in catalogue if any(t.id in block for block in blocks)]
     hidden = [t for t in catalogue if t.id not in visible]
     asked = [*confounded, *hidden]
-    may = {k for k, o in enumerate(OBSERVABLES) if not readable or o.column in readable}
-    others = _others(constants, groups, limits, may, raw, at, asked, settings) if asked else []
+    new = [k for k in may_be_read(readable) if k not in design.measured]
+    others = _others(constants, groups, limits, new, raw, at, asked, settings) if asked else []
     more = [(s, [Effects.at(s.design, theta, asked, settings) for theta in at]) for s in sweeps] if asked else []
     split: list[Block] = []
     for k, block in enumerate(blocks):
@@ -497,14 +497,14 @@ def _others(
     constants: Constants,
     groups: Sequence[Conditions],
     limits: Iterable[tuple[str, tuple[float, float]]],
-    may: Collection[int],
+    new: Collection[int],
     planned: Sequence[Effects],
     places: Sequence[FloatArray],
     terms: Sequence[Term],
     settings: IsolabilitySettings,
 ) -> list[_Other]:
-    """What causes do where an observable that is not planned `may` be read, of the same launches or along a trace."""
-    new, found = {*may} - {k for g in groups for k in g.measured}, []
+    """What causes do where a `new` observable is read, of the same launches or along a trace."""
+    found = []
     for k, o in NUMBERED:
         if k in new:
             also = Design.of(constants, [_reading_also(g, k) for g in groups])

@@ -28,7 +28,7 @@ from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.explanations import KINDS, Explanation, Explanations, compared
-from psafit.diagnose.possible import Possible, TraceSettings, contact_times, near, proposals, traces
+from psafit.diagnose.possible import Possible, TraceSettings, contact_times, may_be_read, near, proposals, traces
 from psafit.diagnose.words import PLAIN, Words
 from psafit.drives import TABLE, Drive
 from psafit.experiment import Conditions, Experiment, GroupId, Occasions
@@ -355,8 +355,8 @@ def possible_measurements(candidate: Candidate, settings: TraceSettings) -> list
     rig = experiment.constants, experiment.groups, experiment.limits
     usual = problem.design.usually_measured
     found = proposals(*rig)
-    columns, read = experiment.readable, set(problem.design.measured.tolist())
-    may = [k for k, o in enumerate(OBSERVABLES) if not columns or o.column in columns or k in read]
+    read = set(problem.design.measured.tolist())
+    may = may_be_read(experiment.readable, read)
     of = sorted((k for k in may if not OBSERVABLES[k].traced), key=lambda k: k != usual)
     of_launches = [p.reading(k, usual, read) for k in of for p in found if k == usual or not p.changed]
     theta = problem.theta(candidate.modes[:1], Occasions.one("a session to come"))

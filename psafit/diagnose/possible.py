@@ -74,6 +74,11 @@ class Possible:
         return replace(self, text=text, design=design, other=measured not in read)
 
 
+def may_be_read(readable: Sequence[str], read: Collection[int] = ()) -> list[int]:
+    """Observables, by number, that are read, or that have one of some columns; all of them if none is given."""
+    return [k for k, o in enumerate(OBSERVABLES) if not readable or o.column in readable or k in read]
+
+
 def proposals(
     constants: Constants,
     groups: Sequence[Conditions],

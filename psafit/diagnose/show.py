@@ -245,6 +245,7 @@ def offsets(candidate: Candidate) -> list[Offset]:
     wide = np.sqrt(nu / np.maximum(nu - 2, 1e-12))
     relative = np.where(nu > 2, candidate.scatter * wide / np.maximum(y, 1e-9), 1.0)
     found: dict[tuple[int, int, int], list[tuple[float, float]]] = {}
+    instruments = dict(problem.experiment.instruments)
     for rows in conditions(problem.design):
         if problem.design.traced[rows[0]]:
             continue
@@ -259,10 +260,9 @@ def offsets(candidate: Candidate) -> list[Offset]:
         ratio, weight = np.array([p[0] for p in pairs]), 1 / np.array([p[1] for p in pairs])
         mean, sd = float(np.average(ratio, weights=weight)), float(1 / np.sqrt(weight.sum()))
         factor, low, high = np.exp(mean + sd * norm.ppf([0.5, 0.05, 0.95])).tolist()
-        name, column = recorded_name(OBSERVABLES[of]), OBSERVABLES[of].column
-        instrument = dict(problem.experiment.instruments).get(column)
-        first, second = (problem.occasions.sessions[k] for k in (a, b))
-        result.append(Offset(first, second, len(pairs), factor, low, high, name, instrument))
+        observable, (first, second) = OBSERVABLES[of], (problem.occasions.sessions[k] for k in (a, b))
+        read = recorded_name(observable), instruments.get(observable.column)
+        result.append(Offset(first, second, len(pairs), factor, low, high, *read))
     return result
 
 

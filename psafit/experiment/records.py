@@ -210,9 +210,11 @@ class Conditions:
         return tuple((o.column, of[o.column]) for o in self.observables if o.column in of)
 
     @property
-    def reader(self) -> GroupId:
-        """What reads a group that is one of `parts`: the session, and the instrument where it has a name."""
-        return self.session_id if self.instrument is None else f"{self.session_id} {self.instrument}"
+    def readers(self) -> dict[int, GroupId]:
+        """What reads each observable, as `measured` counts: the session, and the instrument where that has a name."""
+        of = dict(self.named_instruments)
+        columns = {kind: OBSERVABLES[kind].column for kind in np.unique(self.measured).tolist()}
+        return {k: f"{self.session_id} {of[c]}" if c in of else self.session_id for k, c in columns.items()}
 
     @property
     def waveform(self) -> str:
@@ -369,8 +371,8 @@ class Occasions:
     sessions : tuple of group ids
         In the order of their first groups.
     readers : tuple of group ids
-        The instruments, each in each session that it read in, as `Conditions.reader` names them; where none has a name,
-        the sessions.
+        The instruments, each in each session that it read in, as `Conditions.readers` names them; where none has a
+        name, the sessions.
     read : tuple of frozenset of str
         Names of the observables that each of the readers has read.
     """
@@ -383,8 +385,8 @@ class Occasions:
     def of(cls, groups: Iterable[Conditions]) -> Self:
         """Those of some groups."""
         every, read = list(groups), dict[GroupId, set[str]]()
-        for part in (part for g in every for part in g.parts):
-            read.setdefault(part.reader, set()).add(part.observable.name)
+        for kind, reader in (pair for g in every for pair in g.readers.items()):
+            read.setdefault(reader, set()).add(OBSERVABLES[kind].name)
         return cls(sessions_of(every), tuple(read), tuple(map(frozenset, read.values())))
 
     @classmethod

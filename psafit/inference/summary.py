@@ -134,7 +134,7 @@ def by_session(problem: Problem, rows: FloatArray) -> Iterator[tuple[Term, OfSes
         if not (term.latent and term.of_session):
             continue
         for id in term.having(problem.occasions):
-            first = next(p for p in parts if id == (p.session_id if term.per == "sessions" else p.reader))
+            first = next(p for p in parts if id in ([p.session_id] if term.per == "sessions" else p.readers.values()))
             names = [*(p.name for p in term.parameters), session_name(term.latent.name, id)]
             columns = [problem.names.index(name) for name in names]
             yield term, term.of_session, first, term.of_session.value(rows[:, columns])

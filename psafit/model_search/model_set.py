@@ -36,7 +36,7 @@ CREDIBLE = 0.95
 """Probability of the reported set."""
 DECISIVE = math.log(CREDIBLE / (1 - CREDIBLE))
 """Such odds, in nats."""
-_LEAST = (1 - CREDIBLE) / CREDIBLE
+_LEAST = (1 - CREDIBLE) / CREDIBLE  # odds against a set that leave one of more causes 5 % next to it
 NEGLIGIBLE = 0.01
 """Probability of all sets that were not sampled below which they may be passed over in silence."""
 

@@ -91,7 +91,7 @@ def columns(terms: Sequence[Term], counts: Counts = Counts()) -> list[str]:  # n
     for term in terms:
         names += [p.name for p in term.parameters]
         if term.latent:
-            names += [f"{term.latent.name}_{i}" for i in range(getattr(counts, term.per))]
+            names += [f"{term.latent.name}_{i}" for i in range(counts.latents(term))]
     return names
 
 
@@ -100,7 +100,7 @@ def own_columns(terms: Sequence[Term], counts: Counts) -> list[slice]:
     first = len(baseline.PARAMETERS)
     slices = []
     for term in terms:
-        slices.append(slice(first, first + len(term.parameters) + (getattr(counts, term.per) if term.latent else 0)))
+        slices.append(slice(first, first + len(term.parameters) + counts.latents(term)))
         first = slices[-1].stop
     return slices
 

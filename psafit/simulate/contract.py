@@ -30,7 +30,7 @@ from psafit.physics import TERMS, baseline, term
 from psafit.physics.term import SLOTS, ReferenceRig, Term
 from psafit.plugins import blamed, message_of
 from psafit.simulate import stepper
-from psafit.simulate.batch import Simulation, columns, path_of, simulate
+from psafit.simulate.batch import Simulation, path_of, simulate
 from psafit.simulate.callbacks import HOOKS, address
 from psafit.simulate.design import SINE, SQUARE, Counts, Design
 from psafit.simulate.literal import LiteralLaunch, literal_launch
@@ -397,9 +397,8 @@ def law_derivatives(cause: Term, rng: np.random.Generator, among: Sequence[Term]
 def rows(cause: Term, strength: float, rng: np.random.Generator, counts: Counts) -> FloatArray:
     """The rigs, and as many draws from the baseline's prior, with the cause at a strength and its others anywhere."""
     thetas = [*RIGS.values(), *([some(p, rng) for p in baseline.PARAMETERS] for _ in RIGS)]
-    latents = len(columns([cause], counts)) - len(columns([])) - len(cause.parameters)
     others = [[some(p, rng) for p in cause.parameters[1:]] for _ in thetas]
-    free = [[some(cause.latent, rng) for _ in range(latents)] if cause.latent else [] for _ in thetas]
+    free = [[some(cause.latent, rng) for _ in range(counts.latents(cause))] if cause.latent else [] for _ in thetas]
     return np.array([[*t, strength, *o, *f] for t, o, f in zip(thetas, others, free, strict=True)])
 
 
@@ -498,8 +497,7 @@ def _shift(cause: Term, design: Design, theta: ArrayLike, one: FloatArray, other
 
 def path(cause: Term, design: Design, of_steps: float = 1e-6) -> Outcome:
     """The path announced is the one taken, and agrees with fine steps: a closed form to 1e-6, steps to `of_steps`."""
-    latents = getattr(design.counts, cause.per) if cause.latent else 0
-    sets = np.concatenate([REFERENCE, plausible(cause), [0.3] * latents])
+    sets = np.concatenate([REFERENCE, plausible(cause), [0.3] * design.counts.latents(cause)])
     found = simulate(design, sets, [cause])
     steps = simulate(design, sets, [cause], path="stepper", tolerance=1e-9)
     worst, announced = _apart(found.launch_range, steps.launch_range), path_of([cause])

@@ -14,6 +14,7 @@ from psafit.arrays import FloatArray
 from psafit.drives import NAMES, Drive
 from psafit.experiment import Conditions, Constants, Occasions
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+from psafit.physics.term import Term
 from psafit.simulate.command import commands
 
 _USUAL = (Drive("sine"), Drive("square"))
@@ -26,6 +27,10 @@ class Counts(NamedTuple):
 
     sessions: int = 1
     readers: int = 1
+
+    def latents(self, term: Term) -> int:
+        """Number of latent parameters that the simulator takes for a cause: one for each session, or reader."""
+        return 0 if term.latent is None else self.sessions if term.per == "sessions" else self.readers
 
 
 @dataclass(frozen=True)
@@ -179,16 +184,20 @@ class Design:
         """
         if not self.measured.any():
             return None
-        first, back = self._patterns
+        first, back = self.patterns()
         return self.points(first), back
 
-    @property
-    def _patterns(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """A point of each of the conditions, and which of these each point has.
+    def patterns(self, chosen: NDArray[np.intp] | slice = slice(None)) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """One of some points at each of their conditions, and which of these each is at.
 
         It reads the launch range if any does: what an instrument does to that is simulated with the launch.
         """
-        return patterns(self, np.arange(self.n_points))
+        of = np.column_stack([self.group, self.rig, self.drive, self.frequency, self.amplitude])[chosen]
+        order = np.argsort(self.measured[chosen], kind="stable")
+        _, first, inverse = np.unique(of[order], axis=0, return_index=True, return_inverse=True)
+        back = np.empty(order.size, np.intp)
+        back[order] = inverse.ravel()
+        return order[first], back
 
     @cached_property
     def traced(self) -> NDArray[np.bool_]:
@@ -224,7 +233,7 @@ class Design:
             if not rows.size:
                 continue
             part = self.points(rows)
-            first, back = part._patterns
+            first, back = part.patterns()
             times = [np.unique(part.time[back == k]) for k in range(first.size)]
             moments = np.full((first.size, max(map(len, times))), np.inf)
             column = np.empty(rows.size, np.intp)
@@ -289,22 +298,10 @@ class Design:
         return cls(constants, none + drives.index(one), f, v, none, drives=drives)
 
 
-def patterns(design: Design, chosen: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """One of some points at each of their conditions, and which of these each is at; it reads ranges, if any does."""
-    of = np.column_stack([design.group, design.rig, design.drive, design.frequency, design.amplitude])[chosen]
-    order = np.argsort(design.measured[chosen], kind="stable")
-    _, first, inverse = np.unique(of[order], axis=0, return_index=True, return_inverse=True)
-    back = np.empty(order.size, np.intp)
-    back[order] = inverse.ravel()
-    return order[first], back
-
-
 def _readers(group: Conditions, occasions: Occasions) -> NDArray[np.int64]:
     """Which of the readers each point of a group has."""
-    found = np.empty(group.n_points, np.int64)
-    for part in group.parts:
-        found[group.measured == part.measured[0]] = occasions.readers.index(part.reader)
-    return found
+    number = {kind: occasions.readers.index(id) for kind, id in group.readers.items()}
+    return np.array([number[kind] for kind in group.measured.tolist()])
 
 
 @dataclass(frozen=True)

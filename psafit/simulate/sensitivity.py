@@ -220,7 +220,7 @@ def sets_with(term: Term, design: Design, theta: ArrayLike, values: ArrayLike, s
     usual, one = term.latent.to_physical(term.latent.prior_quantile(np.array([0.5, share])))
     reads = np.isin(design.measured, [k for k, o in enumerate(OBSERVABLES) if o.name in term.reads])
     shows = np.unique(design.occasion(term.per)[reads | (term.per == "sessions")])
-    n = getattr(design.counts, term.per)
+    n = design.counts.latents(term)
     sessions = np.vstack([np.zeros(n), np.eye(n)[shows]]) * (one - usual) + usual
     return np.hstack([np.repeat(sets, len(sessions), axis=0), sessions])
 

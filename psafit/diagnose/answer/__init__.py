@@ -6,7 +6,7 @@ causes, groups and numbers from `psafit.diagnose.words.Words`: the record's plai
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal
 
 from psafit.diagnose.answer.besides import (
@@ -81,14 +81,8 @@ def answer(d: Diagnosis, beliefs: Sequence[Belief] = ()) -> tuple[Statement, ...
     found += _kinds(d)
     if d.verdict == "unexplained" and (both := unlike(d.misfit.sessions, TERMS, ALPHA)):
         found.append(GainsDiffer(both))
-    found += [
-        *_values(d),
-        *map(BreaksLaw, d.laws),
-        *_too_weak(d, beliefs),
-        *_unseen(d),
-        *_at_work(d, beliefs),
-        *_robust(d),
-    ]
+    held = held_at_work(beliefs)
+    found += [*_values(d), *map(BreaksLaw, d.laws), *_too_weak(d, held), *_unseen(d), *_at_work(d, held), *_robust(d)]
     if d.influence and (carried := [c for c in d.influence.causes if c.half]):
         found.append(LivesOn(carried, len(d.influence.tail)))
     if d.misfit.search:
@@ -234,12 +228,11 @@ def _sized(causes: list[CauseResult]) -> dict[str, ParameterResult]:
     return found
 
 
-def _too_weak(d: Diagnosis, beliefs: Sequence[Belief]) -> Iterator[Statement]:
+def _too_weak(d: Diagnosis, held: Mapping[str, tuple[float, str]]) -> Iterator[Statement]:
     """Larger sets that count, though not all of them shows: given a model that is wrong they say nothing.
 
     With what the experiment holds to be at work the values belong to the short answer.
     """
-    held = held_at_work(beliefs)
     if not d.best_model or d.verdict == "unexplained":
         return
     for counted in d.counted:
@@ -267,7 +260,7 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
         yield Room(d.named, widest.id, share, unbounded, len(others), widest.room_at)
 
 
-def _at_work(d: Diagnosis, beliefs: Sequence[Belief]) -> Iterator[Statement]:
+def _at_work(d: Diagnosis, held: Mapping[str, tuple[float, str]]) -> Iterator[Statement]:
     """The causes that the experiment holds to be at work: those the readings do not show, or speak against.
 
     They speak against a cause of which they leave less than would be seen, and which they would have shown. Given a
@@ -275,7 +268,6 @@ def _at_work(d: Diagnosis, beliefs: Sequence[Belief]) -> Iterator[Statement]:
     """
     silent, against, bounds = [], [], d.verdict != "unexplained"
     said_of = {id for ids in (d.named, *d.alternatives, *(c.terms for c in d.counted)) for id in ids}
-    held = held_at_work(beliefs)
     for s in d.screening:
         if s.id in said_of or s.id not in held:
             continue

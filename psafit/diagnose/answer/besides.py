@@ -191,13 +191,12 @@ class WithHeld(TooWeak):
 
     def say(self, words: Words) -> str:
         each = (words.put("{} ({} by {})", words.cause(id), words.per_cent(p), by) for id, p, by in self.held)
-        seen = {id for id, *_ in self.held}
-        looks = (words.put(" To see {}: {}.", words.cause(t.id), t.look) for t in TERMS if t.look and t.id in seen)
         return words.put(
             "The values of {} are without {}, which the readings do not show. With {} the set is {} times as probable."
             " {}{}",
-            words.named_before(self.adopted), words.listed(each), "it" if len(seen) == 1 else "them",
-            words.number(significant(self.counted.odds, 2)), self._moved(words), words.joined("", looks),
+            words.named_before(self.adopted), words.listed(each), "it" if len(self.held) == 1 else "them",
+            words.number(significant(self.counted.odds, 2)), self._moved(words),
+            to_see(words, [id for id, *_ in self.held]),
         )  # fmt: skip
 
 
@@ -224,12 +223,11 @@ class AtWork(Statement):
             for c, by, p, room in self.causes
         )
         it = "it" if len(self.causes) == 1 else "them"
-        seen = [t for c, *_ in self.causes for t in TERMS if t.look and t.id == c]
         return words.put(
             "Probably at work, by what is known of the rig, but not seen in these readings: {}. The values here are"
             " without {}; those with {} are given by {}.{}",
             words.joined(", ", each), it, it, fit_command(self.groups, [*self.named, *(c for c, *_ in self.causes)]),
-            words.joined("", (words.put(" To see {}: {}.", words.cause(t.id), t.look) for t in seen)),
+            to_see(words, [c for c, *_ in self.causes]),
         )  # fmt: skip
 
 
@@ -253,6 +251,12 @@ class Against(Statement):
             "The readings speak against what is known of the rig: {}. What they leave is shown by {}.",
             words.joined(", ", each), fit_command(self.groups, [*self.named, *(c for c, *_ in self.causes)]),
         )  # fmt: skip
+
+
+def to_see(words: Words, ids: Sequence[str]) -> str:
+    """What to look at on the rig to see some causes, a sentence each, behind another."""
+    seen = (t for id in ids for t in TERMS if t.look and t.id == id)
+    return words.joined("", (words.put(" To see {}: {}.", words.cause(t.id), t.look) for t in seen))
 
 
 def fit_command(groups: Sequence[GroupId], terms: Sequence[str]) -> str:

@@ -53,7 +53,7 @@ from psafit.experiment.importing.recorded import ALL, recorded
 from psafit.experiment.importing.records import (
     GROUPS,
     IGNORED,
-    SESSIONS,
+    LABELS,
     Example,
     Mapping,
     Options,
@@ -74,7 +74,7 @@ from psafit.text import count
 
 SETTABLE = (*HELD, *SETTINGS)
 """What may be given for a whole table."""
-COLUMN_NAMES = (*(name for name, q in COLUMNS.items() if q.usable), WAVEFORM, GROUPS, SESSIONS, IGNORED)
+COLUMN_NAMES = (*(name for name, q in COLUMNS.items() if q.usable), WAVEFORM, *LABELS, IGNORED)
 """What `--column` may call a column."""
 
 Read = TypeVar("Read")

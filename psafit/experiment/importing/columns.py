@@ -56,7 +56,7 @@ from psafit.experiment.importing.quantities import (
     Volts,
     words,
 )
-from psafit.experiment.importing.records import GROUPS, IGNORED, SESSIONS, Options
+from psafit.experiment.importing.records import IGNORED, LABELS, Options
 from psafit.experiment.importing.units import Unit, conversion, factor_of, related
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.text import listed, shown
@@ -93,7 +93,7 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     used = [c for c in found if c.column not in ("", IGNORED, *given) and (c.mapped or c.column not in said)]
     roles = ("condition", "time", "trace", "recording") if traced else ("condition", "reading", "error")
     roles = (*roles, "drive")
-    usable = {q.column for q in QUANTITIES if q.usable} | {WAVEFORM, GROUPS, SESSIONS}
+    usable = {q.column for q in QUANTITIES if q.usable} | {WAVEFORM, *LABELS}
     kept = [c for c in used if c.column in usable and role(c.column) in (*roles, "")]
     not_yet = [c for c in used if c.column not in usable]
     for c in (c for c in used if c.mapped and c not in kept and c not in not_yet):
@@ -189,7 +189,7 @@ def _mapped(grid: Grid, head: Head, options: Options, faults: Faults) -> dict[in
         if mapping.table and not places:
             what = f"there is no column {shown(mapping.heading)} among {all_headings(head)}"
             faults.add(fault(grid, head, what, "leave blank what --column says of this table"))
-        single = mapping.column in (*CONDITION_COLUMNS, TIME, VOLTAGE, WAVEFORM, GROUPS, SESSIONS)
+        single = mapping.column in (*CONDITION_COLUMNS, TIME, VOLTAGE, WAVEFORM, *LABELS)
         if len(places) > 1 and single:
             what = f"{len(places)} columns are called {shown(mapping.heading)}"
             faults.add(fault(grid, head, what, f"give the number of one: {option('2', mapping.column)}"))

@@ -27,7 +27,7 @@ from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.layout import Head
 from psafit.experiment.importing.numerals import Number, is_number, likeliest
 from psafit.experiment.importing.quantities import COLUMNS, DRIVING, Quantity
-from psafit.experiment.importing.records import GROUPS, IGNORED, SESSIONS, Options
+from psafit.experiment.importing.records import IGNORED, LABELS, Options
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.trace_table import TIME, TRACES
 
@@ -111,7 +111,7 @@ def _launched(each: Sequence[Quantity]) -> bool:
 
 def _conditions(head: Head, mapped: Mapping[int, Column], could: Mapping[int, Sequence[Quantity]]) -> list[int]:
     """Columns that hold conditions for sure: volts that are not counted may be the drive over time."""
-    found = [place for place, c in mapped.items() if c.column in (*CONDITION_COLUMNS, WAVEFORM, GROUPS, SESSIONS)]
+    found = [place for place, c in mapped.items() if c.column in (*CONDITION_COLUMNS, WAVEFORM, *LABELS)]
     for place, each in could.items():
         heading, below = head.headings[place], head.units[place]
         counted = heading.volts or (below.volts if below else None)
@@ -192,7 +192,7 @@ def voltages(grid: Grid, head: Head, found: Sequence[Column], options: Options, 
     if not times or not unclear:
         return list(found)
     timed = _timed(grid, head, times[0].place)
-    fixed = ["frequency_hz", WAVEFORM, GROUPS, SESSIONS]
+    fixed = ["frequency_hz", WAVEFORM, *LABELS]
     held = [c.place for c in found if c.column in fixed or (c.mapped and c.column == "amplitude_v")]
     is_said = options.drive_file is not None or any(c.column == VOLTAGE for c in found)
     known: dict[int, Column] = {}

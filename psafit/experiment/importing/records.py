@@ -15,7 +15,7 @@ from psafit.experiment.records import Group, GroupId
 from psafit.experiment.text import shown
 
 IGNORED = "ignore"
-GROUPS, SESSIONS = "group", "session"
+GROUPS, SESSIONS = LABELS = "group", "session"
 
 Held = float | tuple[float | None, ...]
 """What was held, of all tables or of each; None of a table that has none, or has it in a column."""
@@ -278,4 +278,4 @@ class Table:
         return list(zip(self.groups, self.labels or [""] * len(self.groups), strict=True))
 
 
-__all__ = ["GROUPS", "IGNORED", "SESSIONS", "Example", "Mapping", "Options", "Table", "Understood"]
+__all__ = ["GROUPS", "IGNORED", "LABELS", "SESSIONS", "Example", "Mapping", "Options", "Table", "Understood"]
