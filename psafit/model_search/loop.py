@@ -384,7 +384,7 @@ def search(
         near = [m for m in shown if known.comes_near(m, highest)]
         left = [m for m in near if not m.sampled or not known.complete(m, highest)]
         progress(f"{set_name(best_model.ids)} leads; {count(len(models), 'set')} of causes tried")
-        sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
+        sure = best_model.sampled
         whole = known.complete(best_model, highest)
         small = len(best_model.ids) == 2 or (len(best_model.ids) == 1 and whole)
         if sure and small and (pairs := known.pairs(known.showing())) and not passes(best_model):
