@@ -154,7 +154,7 @@ def diagnose(
     page = None
     try:
         if not quiet:
-            say_diagnosis(result, data.beliefs)
+            say_diagnosis(result, data.beliefs, experiment)
     finally:
         # The answer need not wait for its pictures, nor they for somebody who reads it.
         if not no_report:
@@ -166,23 +166,31 @@ def diagnose(
     return DONE if result.numerics.converged else CHECK_FAILED
 
 
-def say_diagnosis(result: Diagnosis, beliefs: Sequence[Belief] = (), *, most: int = 5, least: float = 1e-3) -> None:
+def say_diagnosis(
+    result: Diagnosis,
+    beliefs: Sequence[Belief] = (),
+    experiment: Path | None = None,
+    *,
+    most: int = 5,
+    least: float = 1e-3,
+) -> None:
     """Print a diagnosis; the beliefs are what the experiment states, or what follows from its rig.
 
     It lists the models that are reported and the baseline; of the others none below the probability `least`, and only
     while it has fewer than `most`.
     """
-    from psafit.cli.terminal_words import TERMINAL
+    from psafit.cli.terminal_words import TerminalWords
     from psafit.diagnose.answer import answer
     from psafit.diagnose.answer.findings import Sizes
 
     click.echo(result.headline)
+    words = TerminalWords() if experiment is None else TerminalWords(_typed([experiment]))
     said = [s for s in answer(result, beliefs) if not isinstance(s, Sizes)]  # they stand in the table
 
     def say(*, besides: bool) -> None:
         for statement in said:
             if (statement.topic in ("besides", "detail", "searched")) is besides:
-                lines = (line.rstrip() for line in f"  {statement.say(TERMINAL)}".splitlines())
+                lines = (line.rstrip() for line in f"  {statement.say(words)}".splitlines())
                 click.echo("\n".join(filter(None, lines)))
 
     say(besides=False)

@@ -15,6 +15,9 @@ NO_ACTION: Final = "does not act on what was read"
 class Words:
     """Plain text: causes by their identifiers."""
 
+    experiment = "EXP"
+    """What stands for the experiment's folder in a command."""
+
     def put(self, template: str, *parts: object) -> str:
         """Return a sentence with its parts in place."""
         return template.format(*parts)
@@ -50,6 +53,14 @@ class Words:
     def number(self, text: str) -> str:
         """Return a number, perhaps with its unit, that is text already."""
         return text
+
+    def code(self, text: str) -> str:
+        """Return a command."""
+        return text
+
+    def fit_command(self, groups: Sequence[GroupId], terms: Sequence[str]) -> str:
+        """Return the command that fits some causes to some groups."""
+        return self.code(f"psafit fit {self.experiment} --group {','.join(map(str, groups))} --terms {','.join(terms)}")
 
     def per_cent(self, fraction: float) -> str:
         """Return a share in whole per cent; never 0 or 100 unless it is."""

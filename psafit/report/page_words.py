@@ -42,6 +42,9 @@ class PageWords(Words):
     def number(self, text: str) -> str:
         return typeset(text.replace("+-", "±").replace("<=", "≤").replace(" %", f"{NBSP}%").replace(" V", f"{NBSP}V"))
 
+    def code(self, text: str) -> str:
+        return Markup("<code>{}</code>").format(text)
+
     def per_cent(self, fraction: float) -> str:
         return percent(fraction)
 

@@ -169,6 +169,12 @@ def test_sets_that_exclude_each_other_have_a_line_each(capsys: pytest.CaptureFix
     assert all(line and line == line.rstrip() for line in lines[k : k + 4])
 
 
+def test_a_command_in_the_terminal_can_be_typed_as_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
+    belief = Belief("swing_drag_rate", LogNormal(1.0, 2.0), "sailcloth", probability=0.9)
+    say_diagnosis(make_record(make_experiment()), [belief], Path("my rig"))
+    assert "psafit fit 'my rig' --group" in capsys.readouterr().out
+
+
 def test_record_and_terminal_say_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     """What the experiment believes of causes that the readings do not show is in both."""
     record = make_record(make_experiment())

@@ -416,7 +416,7 @@ def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
     doubted = "(90 % by [rig], 2 % after the readings)"
     needed = "What they leave is shown by psafit fit EXP --group 1,2,3 --terms hysteresis,adhesion,swing_drag."
     drag = "drag on the swing (60 % by [rig], 2 % after the readings)"
-    assert f"speak against what is known of the rig: adhesion {doubted}, {drag}. {needed}" in " ".join(
+    assert f"speak against what is expected of the rig: adhesion {doubted}, {drag}. {needed}" in " ".join(
         page.first_screen.split()
     )
     likely = replace(record, screening=[replace(s, inclusion=0.6) for s in record.screening])

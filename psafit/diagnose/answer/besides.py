@@ -226,7 +226,8 @@ class AtWork(Statement):
         return words.put(
             "Probably at work, by what is known of the rig, but not seen in these readings: {}. The values here are"
             " without {}; those with {} are given by {}.{}",
-            words.joined(", ", each), it, it, fit_command(self.groups, [*self.named, *(c for c, *_ in self.causes)]),
+            words.joined(", ", each), it, it,
+            words.fit_command(self.groups, [*self.named, *(c for c, *_ in self.causes)]),
             to_see(words, [c for c, *_ in self.causes]),
         )  # fmt: skip
 
@@ -248,8 +249,8 @@ class Against(Statement):
             for c, by, before, after in self.causes
         )
         return words.put(
-            "The readings speak against what is known of the rig: {}. What they leave is shown by {}.",
-            words.joined(", ", each), fit_command(self.groups, [*self.named, *(c for c, *_ in self.causes)]),
+            "The readings speak against what is expected of the rig: {}. What they leave is shown by {}.",
+            words.joined(", ", each), words.fit_command(self.groups, [*self.named, *(c for c, *_ in self.causes)]),
         )  # fmt: skip
 
 
@@ -257,11 +258,6 @@ def to_see(words: Words, ids: Sequence[str]) -> str:
     """What to look at on the rig to see some causes, a sentence each, behind another."""
     seen = (t for id in ids for t in TERMS if t.look and t.id == id)
     return words.joined("", (words.put(" To see {}: {}.", words.cause(t.id), t.look) for t in seen))
-
-
-def fit_command(groups: Sequence[GroupId], terms: Sequence[str]) -> str:
-    """Return the command that fits some causes to some groups; EXP stands for the experiment."""
-    return f"psafit fit EXP --group {','.join(map(str, groups))} --terms {','.join(terms)}"
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from psafit.compare import known
-from psafit.diagnose.answer.besides import fit_command
 from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.influence import Influence
 from psafit.diagnose.record import Diagnosis
@@ -28,7 +27,7 @@ from psafit.diagnose.record.models import (
     ParameterResult,
     ScreeningResult,
 )
-from psafit.diagnose.words import NO_ACTION
+from psafit.diagnose.words import NO_ACTION, PLAIN
 from psafit.experiment import Group
 from psafit.inference.evidence import TRUSTED
 from psafit.report.catalogue import TITLES, cause, model, parameter
@@ -76,7 +75,7 @@ def content(result: Diagnosis, shown: Sequence[Shown], pictured: Sequence[Shown]
         "models": model_rows(result),
         "best_model": None
         if best is None
-        else _parameters(best) | {"fit": best.terms and fit_command(result.groups, best.terms)},
+        else _parameters(best) | {"fit": best.terms and PLAIN.fit_command(result.groups, best.terms)},
         "other_models": [_parameters(c) for c in result.causes if c is not best],
         "best_model_listed": best is result.best_model,
         "influence": influence_pictures(result.influence, pictured) if result.influence else [],
