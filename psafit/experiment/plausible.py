@@ -13,12 +13,13 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.drives import WAVEFORMS, Drive, from_zero, peak_to_peak
-from psafit.experiment.records import DEFINITION, Constants, Group
+from psafit.experiment.records import DEFINITION, Constants, Group, GroupId
 from psafit.experiment.rig import MATERIALS, Rig, is_rated_stroke
 from psafit.experiment.table import read_csv, readings_of
 from psafit.experiment.text import one_line
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable, in_another_unit
 from psafit.parameters import Belief
+from psafit.text import series
 
 _EXAMPLE = "EXAMPLE, replace:"
 _POWER = "is a power of ten wrong?"
@@ -159,17 +160,22 @@ def _suspicious_rating(
             f" {volts:g} V; is one of them wrong?"
         )
         return found
-    below = (g for g in groups if reached[g.id][0] < -reverse * rig.rated_voltage)
-    return found + [_reversed(g, reached[g.id][0], rig.rated_voltage) for g in below]
+    low: dict[str, list[GroupId]] = {}
+    for group in groups:
+        if reached[group.id][0] < -reverse * rig.rated_voltage:
+            low.setdefault(group.waveform, []).append(group.id)
+    asked = (_reversed(form, ids, min(reached[id][0] for id in ids), rig.rated_voltage) for form, ids in low.items())
+    return [*found, *asked]
 
 
-def _reversed(group: Group, volts: float, rated: float) -> str:
-    """What is asked of a drive that goes as far below zero as most stacks do not survive."""
-    raised = from_zero(group.waveform)
+def _reversed(waveform: str, ids: Sequence[GroupId], volts: float, rated: float) -> str:
+    """What is asked of drives that go as far below zero as most stacks do not survive."""
+    raised = from_zero(waveform)
     remedy = f"if it goes from 0 to V: {raised}" if raised else "is its sign right, and bias_v?"
+    whose = f"the drive of group {ids[0]}, {waveform}, goes" if len(ids) == 1 else ""
     return (
-        f"the drive of group {group.id}, {group.waveform}, goes down to {volts:g} V, which most stacks of {rated:g} V"
-        f" do not survive; {remedy}"
+        f"{whose or f'the drives of groups {series(ids)}, {waveform}, go'} down to {volts:g} V, which most stacks of"
+        f" {rated:g} V do not survive; {remedy}"
     )
 
 
