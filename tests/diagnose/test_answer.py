@@ -175,8 +175,8 @@ def test_what_is_held_back_by_what_is_plausible_alone_is_reported() -> None:
     rival = replace(d, alternatives=[rare.terms], by_likelihood=[rare.terms], causes=[d.causes[0], rare])
     (named,) = of(rival, Named)
     assert named.say(PLAIN) == (
-        "hysteresis (probability 61 %) is most probable, but only by its priors. By likelihood alone, gap + slew_limit"
-        " fits as well or better (its priors make it 3100 times less probable: 0.02 %)."
+        "hysteresis (probability 61 %) is most probable, but only by its priors. By likelihood alone, 1 more set fits"
+        " as well or better: gap + slew_limit (its priors make it 3100 times less probable: 0.02 %)."
     )
     assert rival.headline == "verdict: ambiguous: hysteresis, or by likelihood alone gap + slew_limit"
     odd = replace(d, causes=[d.causes[0], replace(d.causes[1], implausible=list(d.causes[1].parameters)[:1])])
@@ -196,7 +196,7 @@ def test_what_tied_sets_share_is_no_matter_of_the_tie() -> None:
     rivals = [Rival([*named.causes, id], 0.1, 6.1, False) for id in ("gap", "preload")]
     text = replace(named, alternatives=rivals).say(PLAIN)
     other = replace(named, alternatives=[*rivals, Rival(["slew_limit"], 0.01, 60.0, True)]).say(PLAIN)
-    assert ", all with" in other and "By likelihood alone, slew_limit fits as well or better" in other
+    assert ", all with" in other and "By likelihood alone, 1 more set fits as well or better: slew_limit" in other
     assert f"between 3 sets of causes, all with {' + '.join(named.causes)}: " in text and text.count("(10 %)") == 2
 
 

@@ -286,8 +286,11 @@ class Named(Statement):
             if r.probability is not None and r.times is not None:
                 how = " (its priors make it {} times less probable: {})"
                 why = words.put(how, words.number(significant(r.times, 2)), words.share(r.probability))
-            found.append(words.put("{} fits as well or better{}", words.instead(self.causes, r.causes), why))
-        return words.put(" By likelihood alone, {}.", words.joined("; ", _first(found))) if found else ""
+            found.append(words.put("{}{}", words.instead(self.causes, r.causes), why))
+        if not found:
+            return ""
+        fit = "1 more set fits" if len(found) == 1 else f"{len(found)} more sets fit"
+        return words.put(" By likelihood alone, {} as well or better: {}.", fit, words.joined("; ", _first(found)))
 
 
 @dataclass(frozen=True)
