@@ -407,7 +407,8 @@ def score(prediction: Prediction, *, looks: int = 1) -> GroupScore:
         prediction.pit_p_value, prediction.drift_p_value, _as_odd(inside_90.sum(), prediction.inside)
     )  # fmt: skip
     said = verdict(error, held, uniform, drift, coverage_p_value=chance, fitted=fitted, looks=looks)
-    band = _band(held, measured.size, uniform, chance, looks)
+    sound = _sound(_band(held, measured.size, uniform, chance, looks), measured.size, drift * looks)
+    size = size_of(root_mean_square(error), sound=sound, fitted=fitted)
     return GroupScore(
         group=prediction.group.id,
         observable=recorded_name(read),
@@ -426,7 +427,7 @@ def score(prediction: Prediction, *, looks: int = 1) -> GroupScore:
         coverage_p_value=chance,
         informative=not silent,
         verdict=silenced or said,
-        size="says nothing" if silent else size_of(root_mean_square(error), band, measured.size, fitted=fitted),
+        size="says nothing" if silent else size,
     )
 
 
@@ -609,11 +610,16 @@ def _slack(n: int) -> float:
     return 2 * math.sqrt(0.9 * 0.1 / n)
 
 
-def size_of(log_rmse: float, band: Band, n: int, *, fitted: bool) -> Size:
-    """How well a group is met, in a word or two: by its error, and by whether its band could be judged and holds."""
+def _sound(band: Band, n: int, drift_p_value: float) -> bool:
+    """Whether a group's band could be judged, and holds, and its errors do not drift."""
+    return n >= JUDGED and band != "narrow" and not drift_p_value < LEVEL
+
+
+def size_of(log_rmse: float, *, sound: bool, fitted: bool) -> Size:
+    """How well a group is met, in a word or two: by its error, and by whether all else about it is sound."""
     if log_rmse > GOOD:
         return "roughly followed" if log_rmse <= FAIR else "missed"
-    if n < JUDGED or band == "narrow":
+    if not sound:
         return "followed closely"
     return "fitted well" if fitted else "predicted well"
 
@@ -634,7 +640,7 @@ def verdict(
     """
     rmse, n = root_mean_square(error), error.size
     band = _band(coverage, n, pit_p_value, coverage_p_value, looks)
-    size = size_of(rmse, band, n, fitted=fitted)
+    size = size_of(rmse, sound=_sound(band, n, drift_p_value * looks), fitted=fitted)
     worst = int(np.argmax(np.abs(error)))
     ruled = n > 2 and error[worst] ** 2 > 0.5 * np.sum(error**2)
     factor = _factor(rmse)

@@ -355,7 +355,13 @@ def test_one_unseen_group_that_fails_is_not_averaged_away(checked) -> None:  # t
 
 def test_what_was_fitted_is_not_called_predicted() -> None:
     assert validate.verdict(np.full(50, 0.05), 0.9, 0.5, 0.5, fitted=True).startswith("fitted well, ")
-    assert validate.size_of(0.05, "", 50, fitted=False) == "predicted well"
+    assert validate.size_of(0.05, sound=True, fitted=False) == "predicted well"
+
+
+def test_a_group_whose_errors_drift_is_not_met_well() -> None:
+    for fitted in (True, False):
+        said = validate.verdict(np.full(50, 0.05), 0.9, 0.5, 1e-4, fitted=fitted)
+        assert said.startswith("followed closely, ") and "its errors drift along the sweep" in said
 
 
 def test_many_small_errors_against_few_large_ones() -> None:
