@@ -585,7 +585,7 @@ def _band(coverage: float, n: int, pit_p_value: float, coverage_p_value: float, 
 
 
 def _off(scores: Iterable[GroupScore]) -> list[GroupScore]:
-    """Groups with readings enough that are not predicted well."""
+    """Groups with readings enough whose errors are not small."""
     return [s for s in scores if s.n_points >= JUDGED and s.log_rmse > GOOD]
 
 

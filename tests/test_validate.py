@@ -364,6 +364,16 @@ def test_a_group_whose_errors_drift_is_not_met_well() -> None:
         assert said.startswith("followed closely, ") and "its errors drift along the sweep" in said
 
 
+def test_the_record_holds_the_size_that_the_sentence_names(checked) -> None:  # type: ignore[no-untyped-def]
+    """One of twenty groups drifts by chance where it would be news of one."""
+    _, _, (fitted, *_) = checked
+    assert fitted.group.n_points >= validate.JUDGED
+    exact = replace(fitted, group=replace(fitted.group, reading=fitted.median), pit_p_value=0.5)
+    for drift, looks, size in ((0.5, 1, "fitted well"), (0.002, 1, "followed closely"), (0.002, 20, "fitted well")):
+        found = validate.score(replace(exact, drift_p_value=drift), looks=looks)
+        assert found.size == size and found.verdict.startswith(f"{size}, ")
+
+
 def test_many_small_errors_against_few_large_ones() -> None:
     """The mean must not contradict the count."""
     said = validate.verdict(np.append(np.full(90, 0.05), np.full(10, -3.0)), 0.9, 0.5, 0.5)

@@ -169,7 +169,7 @@ def diagnose(
 def say_diagnosis(
     result: Diagnosis,
     beliefs: Sequence[Belief] = (),
-    experiment: Path | None = None,
+    experiment: Path = Path("EXP"),
     *,
     most: int = 5,
     least: float = 1e-3,
@@ -184,7 +184,8 @@ def say_diagnosis(
     from psafit.diagnose.answer.findings import Sizes
 
     click.echo(result.headline)
-    words = TerminalWords() if experiment is None else TerminalWords(_typed([experiment]))
+    options = _typed(plugin_words())
+    words = TerminalWords(_typed([experiment]), options and f" {options}")
     said = [s for s in answer(result, beliefs) if not isinstance(s, Sizes)]  # they stand in the table
 
     def say(*, besides: bool) -> None:

@@ -12,12 +12,12 @@ class TerminalWords(Words):
 
     Parameters
     ----------
-    experiment : str
-        The experiment's folder, as it is typed.
+    experiment, options : str
+        As of `Words`, as they are typed.
     """
 
-    def __init__(self, experiment: str = Words.experiment) -> None:
-        self.experiment = experiment
+    def __init__(self, experiment: str = Words.experiment, options: str = "") -> None:
+        self.experiment, self.options = experiment, options
 
     def choices(self, items: Sequence[object]) -> str:
         """Return a line each; what follows begins another."""

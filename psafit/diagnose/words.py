@@ -18,6 +18,9 @@ class Words:
     experiment = "EXP"
     """What stands for the experiment's folder in a command."""
 
+    options = ""
+    """What a command needs besides, each with a space in front."""
+
     def put(self, template: str, *parts: object) -> str:
         """Return a sentence with its parts in place."""
         return template.format(*parts)
@@ -60,7 +63,8 @@ class Words:
 
     def fit_command(self, groups: Sequence[GroupId], terms: Sequence[str]) -> str:
         """Return the command that fits some causes to some groups."""
-        return self.code(f"psafit fit {self.experiment} --group {','.join(map(str, groups))} --terms {','.join(terms)}")
+        chosen = f"--group {','.join(map(str, groups))} --terms {','.join(terms)}"
+        return self.code(f"psafit fit {self.experiment} {chosen}{self.options}")
 
     def per_cent(self, fraction: float) -> str:
         """Return a share in whole per cent; never 0 or 100 unless it is."""

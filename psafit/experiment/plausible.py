@@ -172,11 +172,10 @@ def _reversed(waveform: str, ids: Sequence[GroupId], volts: float, rated: float)
     """What is asked of drives that go as far below zero as most stacks do not survive."""
     raised = from_zero(waveform)
     remedy = f"if it goes from 0 to V: {raised}" if raised else "is its sign right, and bias_v?"
-    whose = f"the drive of group {ids[0]}, {waveform}, goes" if len(ids) == 1 else ""
-    return (
-        f"{whose or f'the drives of groups {series(ids)}, {waveform}, go'} down to {volts:g} V, which most stacks of"
-        f" {rated:g} V do not survive; {remedy}"
-    )
+    drives = f"the drive of group {ids[0]}, {waveform}, goes down to"
+    if len(ids) > 1:
+        drives = f"the drives of groups {series(ids)}, {waveform}, go as far down as"
+    return f"{drives} {volts:g} V, which most stacks of {rated:g} V do not survive; {remedy}"
 
 
 def _suspicious_ball(rig: Rig, constants: Constants, factor: float = 1.33) -> list[str]:

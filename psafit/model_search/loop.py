@@ -15,7 +15,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Generic, Protocol, TypeAlias, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from psafit.errors import ConvergenceError
 from psafit.model_search.settings import SearchSettings
@@ -80,10 +80,6 @@ class Foreseen(Generic[Content]):
     models: tuple[Model[Content], ...]
     sets: tuple[Ids, ...]
     known: Mapping[Ids, Model[Content]]
-
-
-# Samples a model, or fits it in earnest.
-Work: TypeAlias = "Callable[[Model[Content], Foreseen[Content]], Model[Content]]"
 
 
 class Fitter(Protocol[Content]):
@@ -179,9 +175,9 @@ class _Known(Generic[Content]):
         """Log posterior probability, nats, not normalised."""
         return self.evidence(model) + self.log_prior(model.ids)
 
-    def shows(self, model: Model[Content]) -> bool:
-        """Whether it exceeds every part of itself, if its estimate falls short by two standard errors."""
-        slack = 0.0 if model.sampled else 2.0 * self.settings.doubt
+    def shows(self, model: Model[Content], errors: float = 2.0) -> bool:
+        """Whether it exceeds every part of itself, if its estimate falls short by so many standard errors."""
+        slack = 0.0 if model.sampled else errors * self.settings.doubt
         highest = max(map(self.evidence, self._parts(model)), default=-math.inf)
         return self.evidence(model) + slack > highest + self.settings.visible
 
@@ -315,18 +311,8 @@ class _Known(Generic[Content]):
         new = tuple(ids for ids in sets if ids not in self.models)
         foreseen = Foreseen(tuple(m for m in others if not m.sampled), new, self.models)
         fully = within or best.earnest or len(best.ids) <= self.settings.from_prior
-        self.work_out(best, foreseen, self.fitter.sample if fully else self.fitter.earnest)
-
-    def work_out(self, model: Model[Content], foreseen: Foreseen[Content], work: Work[Content]) -> None:
-        """Sample a model, or fit it in earnest; one keeps its estimate if no draw lies within its bounds."""
-        try:
-            self.update(model, work(model, foreseen))
-        except ConvergenceError:
-            self.unsampled.add(model.ids)
-
-    def sampled(self, model: Model[Content]) -> bool:
-        """Whether it was sampled, or cannot be."""
-        return model.sampled or model.ids in self.unsampled
+        work = self.fitter.sample if fully else self.fitter.earnest
+        self.update(best, work(best, foreseen))
 
     def update(self, before: Model[Content], found: Model[Content]) -> None:
         """Keep what was found of a model; the neighbours of one that has risen are looked at again."""
@@ -335,15 +321,21 @@ class _Known(Generic[Content]):
             self.done[before.ids] = 0
 
     def settle(self, wanted: Sequence[Ids]) -> bool:
-        """Fit the first of some sets that was not fitted, or sample the first that was not; False if none is left."""
+        """Fit the first of some sets that was not fitted, or sample the first that was not; False where none is left.
+
+        One keeps its estimate if no draw lies within its bounds.
+        """
         if new := [ids for ids in wanted if ids not in self.models]:
             self.keep(self.fitter.short(new[:1], self.models))
             return True
-        waiting = [self.models[ids] for ids in wanted if not self.sampled(self.models[ids])]
+        waiting = [self.models[ids] for ids in wanted if not self.models[ids].sampled and ids not in self.unsampled]
         if not waiting:
             return False
         first, *others = waiting
-        self.work_out(first, Foreseen(tuple(others), (), self.models), self.fitter.sample)
+        try:
+            self.update(first, self.fitter.sample(first, Foreseen(tuple(others), (), self.models)))
+        except ConvergenceError:
+            self.unsampled.add(first.ids)
         return True
 
     def searched(self) -> Searched[Content]:
@@ -390,15 +382,15 @@ def search(
         best_model = max(shown, key=known.value)
         highest = known.value(best_model)
         near = [m for m in shown if known.comes_near(m, highest)]
-        left = [m for m in near if not (known.sampled(m) and known.complete(m, highest))]
+        left = [m for m in near if not m.sampled or not known.complete(m, highest)]
         progress(f"{set_name(best_model.ids)} leads; {count(len(models), 'set')} of causes tried")
+        sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
         whole = known.complete(best_model, highest)
         small = len(best_model.ids) == 2 or (len(best_model.ids) == 1 and whole)
-        ready = known.sampled(best_model)
-        if ready and small and (pairs := known.pairs(known.showing())) and not passes(best_model):
+        if sure and small and (pairs := known.pairs(known.showing())) and not passes(best_model):
             known.carry_up(pairs)
             continue
-        if ready and not whole:
+        if sure and not whole:
             known.expand(best_model, highest)
             continue
         if not left:
@@ -418,8 +410,8 @@ def search(
             if known.settle(decisive(result)):
                 continue
             return result
-        best, *others = sorted(left, key=lambda m: (known.sampled(m) and known.done[m.ids], -known.value(m), m.ids))
-        if known.sampled(best):
+        best, *others = sorted(left, key=lambda m: (m.sampled and known.done[m.ids], -known.value(m), m.ids))
+        if best.sampled:
             known.expand(best, highest)
         else:
             known.sample(best, others, highest)

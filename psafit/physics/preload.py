@@ -89,7 +89,7 @@ TERM = Term(
             4.5e-2,
         ),
     ),
-    look="the angle of the string at rest, on a photograph from the side",
+    look="how far the resting ball is from the plumb line below its holder, on a photograph from the side",
     literal=literal,
     setup=setup,
     limit=("separation_height", (1.0,)),

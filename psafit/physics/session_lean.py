@@ -99,7 +99,8 @@ TERM = Term(
             4.5e-2,
         ),
     ),
-    look="the angle of the string at rest, on a photograph from the side, in each session",
+    look="how far the resting ball is from the plumb line below its holder, on a photograph from the side, each time"
+    " that it is hung anew",
     literal=literal,
     setup=setup,
     of_session=OfSession("a session's lean", "m", length),

@@ -179,6 +179,10 @@ def test_what_is_held_back_by_what_is_plausible_alone_is_reported() -> None:
         " as well or better: gap + slew_limit (its priors make it 3100 times less probable: 0.02 %)."
     )
     assert rival.headline == "verdict: ambiguous: hysteresis, or by likelihood alone gap + slew_limit"
+    (named,) = of(
+        replace(rival, alternatives=[["preload"], rare.terms], by_likelihood=[["preload"], rare.terms]), Named
+    )
+    assert "By likelihood alone, 2 more sets fit as well or better: preload; gap + slew_limit (" in named.say(PLAIN)
     odd = replace(d, causes=[d.causes[0], replace(d.causes[1], implausible=list(d.causes[1].parameters)[:1])])
     (named,) = of(replace(odd, alternatives=[d.causes[1].terms], by_likelihood=[]), Named)
     assert "gap + slew_limit (31 %, at implausible values)" in named.say(PLAIN)
@@ -246,7 +250,7 @@ def test_what_would_be_named_without_each_cause_is_said() -> None:
     assert not of(replace(d, verdict="unexplained"), Replaced)
 
 
-@pytest.mark.parametrize(("nats", "said"), [(0.41, "separate the best fits of the two by about 0.4 nats"), (3.1, "")])
+@pytest.mark.parametrize(("nats", "said"), [(0.41, "would separate the two sets by about 0.4 nats"), (3.1, "")])
 def test_sets_that_more_of_the_same_readings_would_not_separate_are_said_to_be_so(nats: float, said: str) -> None:
     d = record()
     causes = [replace(c, again=nats if c.terms == d.alternatives[0] else None) for c in d.causes]
@@ -457,14 +461,15 @@ def test_many_causes_without_a_limit_are_counted() -> None:
             "adequate",
             [],
             "The most that these readings leave to a further cause: preload changes a reading by up to 7.5 %"
-            " (95 % limit), added to the baseline and refitted. Of 3 causes, 1 could be bounded, not gap and"
-            " swing_drag.",
+            " (95 % limit), added to the baseline and refitted. Of 3 causes, 1 could be bounded; gap and"
+            " swing_drag could not.",
         ),
         (
             "explained",
             ["gap"],
             "The most that these readings leave to a further cause: preload changes a reading by up to 7.5 %"
-            " (95 % limit), added to gap and refitted. Of 2 other causes, 1 could be bounded, not swing_drag.",
+            " (95 % limit), added to gap and refitted. Of 2 other causes, 1 could be bounded; swing_drag"
+            " could not.",
         ),
         ("unexplained", [], None),
     ],

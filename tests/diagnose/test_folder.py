@@ -9,6 +9,7 @@ import pytest
 from truths import experiment
 
 from psafit.diagnose.folder import claim, set_aside
+from psafit.diagnose.record import is_diagnosis
 from psafit.errors import InputError
 
 
@@ -32,6 +33,19 @@ def test_an_answer_gives_way_to_another_and_is_kept(tmp_path: Path, caplog: pyte
         (tmp_path / name).write_text(text.replace("1", "2"))
     set_aside(tmp_path)
     assert (kept / "predictions-diagnosis.csv").read_text() == "2" and not (kept / "diagnosis.html").exists()
+
+
+def test_a_diagnosis_that_has_not_ended_says_where_the_answer_before_is(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="neither a finished fit nor"):
+        is_diagnosis(tmp_path)
+    claim(tmp_path, experiment())
+    with pytest.raises(InputError, match=r"has not ended; wait for it, or repeat its command, which goes on$"):
+        is_diagnosis(tmp_path)
+    (tmp_path / "diagnosis.json").write_text('{"files": {}}')
+    assert is_diagnosis(tmp_path)
+    set_aside(tmp_path)
+    with pytest.raises(InputError, match=r"which goes on; the answer before is in previous/$"):
+        is_diagnosis(tmp_path)
 
 
 def test_what_somebody_calls_previous_is_not_replaced(tmp_path: Path) -> None:

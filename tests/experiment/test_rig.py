@@ -327,9 +327,9 @@ def test_each_drive_far_below_zero_is_reported(tmp_path: Path) -> None:
 
 
 def test_drives_far_below_zero_of_one_waveform_are_asked_about_in_one_line(tmp_path: Path) -> None:
-    toml = TOML.replace('waveform = "square"', 'waveform = "sine"')
+    toml = TOML.replace('waveform = "square"', 'waveform = "sine"\nidle_v = -30')
     (said,) = read_experiment(write(tmp_path, f"{toml}[rig]\nrated_voltage = 60\n")).warnings
-    assert "the drives of groups 1 and late-2, sine, go down to -20 V, which most stacks of 60 V" in said
+    assert "the drives of groups 1 and late-2, sine, go as far down as -30 V, which most stacks of 60 V" in said
 
 
 @pytest.mark.parametrize(

@@ -412,6 +412,7 @@ def test_what_is_at_work_by_the_rig_is_on_the_first_screen(tmp_path):
         " [rig]). The values here are without them; those with them are given by psafit fit EXP --group 1,2,3 --terms"
         " hysteresis,amplifier_lag,anchored_stroke. To see" in " ".join(page.first_screen.split())
     )
+    assert "<code>psafit fit EXP --group 1,2,3 --terms hysteresis,amplifier_lag,anchored_stroke</code>" in page.html
     assert "Probably at work" not in build(record, experiment, tmp_path).first_screen
     doubted = "(90 % by [rig], 2 % after the readings)"
     needed = "What they leave is shown by psafit fit EXP --group 1,2,3 --terms hysteresis,adhesion,swing_drag."

@@ -59,10 +59,9 @@ class Indistinct(Statement):
     others: int
 
     def say(self, words: Words) -> str:
-        them = "the two" if self.others == 1 else "the first from the others"
+        them = "the two sets" if self.others == 1 else "the set named first from the others"
         return words.put(
-            "Measured once more, these readings would separate the best fits of {} by about {}: another measurement has"
-            " to decide.",
+            "To measure the same once more would not decide: by their best fits it would separate {} by about {}.",
             them, words.number(f"{fixed(self.nats, 1)} nats"),
         )  # fmt: skip
 
@@ -280,7 +279,7 @@ class Room(Statement):
 
     def say(self, words: Words) -> str:
         where = _place(self.place, words) if self.place else ""
-        free = words.put(", not {}", words.listed(map(words.cause, self.unbounded)))
+        free = words.put("; {} could not", words.listed(map(words.cause, self.unbounded)))
         if len(self.unbounded) > self.few:
             free = "; of the others no limit could be computed"
         return words.put(

@@ -18,7 +18,7 @@ from psafit.model_search.model_set import CREDIBLE, LookedAt
 from psafit.observables import named
 from psafit.physics import owner
 from psafit.records import Broken, Objection
-from psafit.text import p_text, significant
+from psafit.text import count, p_text, significant
 
 WORTH_SAYING = 0.05
 """Probability of a discrepancy without a name, or of another set, from which on it is worth a sentence."""
@@ -289,8 +289,9 @@ class Named(Statement):
             found.append(words.put("{}{}", words.instead(self.causes, r.causes), why))
         if not found:
             return ""
-        fit = "1 more set fits" if len(found) == 1 else f"{len(found)} more sets fit"
-        return words.put(" By likelihood alone, {} as well or better: {}.", fit, words.joined("; ", _first(found)))
+        how = " By likelihood alone, {} {} as well or better: {}."
+        fit = "fits" if len(found) == 1 else "fit"
+        return words.put(how, count(len(found), "more set"), fit, words.joined("; ", _first(found)))
 
 
 @dataclass(frozen=True)

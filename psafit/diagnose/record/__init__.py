@@ -38,7 +38,12 @@ def is_diagnosis(folder: Path) -> bool:
     found = (folder / RESULT).exists()
     if not found and not (folder / "fit.json").exists():
         what = "holds neither a finished fit nor a finished diagnosis" if folder.is_dir() else "is not a run folder"
-        raise InputError(what, "give a folder that psafit fit or psafit diagnose has written", file=folder)
+        remedy = "give a folder that psafit fit or psafit diagnose has written"
+        if (folder / MARKER).is_file():
+            what, remedy = "holds a diagnosis that has not ended", "wait for it, or repeat its command, which goes on"
+            if (folder / PREVIOUS / RESULT).is_file():
+                remedy = f"{remedy}; the answer before is in {PREVIOUS}/"
+        raise InputError(what, remedy, file=folder)
     return found
 
 
