@@ -399,16 +399,15 @@ def score(prediction: Prediction, *, looks: int = 1) -> GroupScore:
     read = prediction.group.observable
     error = log_ratio(prediction.median, measured, *read.metric)
     silent = why_uninformative(prediction.group)
-    silenced = f"says nothing of the model: {silent}; left out of every mean" if silent else ""
     inside_50 = _held(prediction.group, measured, prediction.lower_50, prediction.upper_50, prediction.pit, share=0.5)
     inside_90 = _inside(prediction)
     held, fitted = float(np.mean(inside_90)), prediction.role == "fit"
     uniform, drift, chance = (
         prediction.pit_p_value, prediction.drift_p_value, _as_odd(inside_90.sum(), prediction.inside)
     )  # fmt: skip
-    said = verdict(error, held, uniform, drift, coverage_p_value=chance, fitted=fitted, looks=looks)
-    sound = _sound(_band(held, measured.size, uniform, chance, looks), measured.size, drift * looks)
-    size = size_of(root_mean_square(error), sound=sound, fitted=fitted)
+    size, said = verdict(error, held, uniform, drift, coverage_p_value=chance, fitted=fitted, looks=looks)
+    if silent:
+        size, said = "says nothing", f"says nothing of the model: {silent}; left out of every mean"
     return GroupScore(
         group=prediction.group.id,
         observable=recorded_name(read),
@@ -426,8 +425,8 @@ def score(prediction: Prediction, *, looks: int = 1) -> GroupScore:
         drift_p_value=drift,
         coverage_p_value=chance,
         informative=not silent,
-        verdict=silenced or said,
-        size="says nothing" if silent else size,
+        verdict=said,
+        size=size,
     )
 
 
@@ -610,13 +609,11 @@ def _slack(n: int) -> float:
     return 2 * math.sqrt(0.9 * 0.1 / n)
 
 
-def _sound(band: Band, n: int, drift_p_value: float) -> bool:
-    """Whether a group's band could be judged, and holds, and its errors do not drift."""
-    return n >= JUDGED and band != "narrow" and not drift_p_value < LEVEL
-
-
 def size_of(log_rmse: float, *, sound: bool, fitted: bool) -> Size:
-    """How well a group is met, in a word or two: by its error, and by whether all else about it is sound."""
+    """How well a group is met, in a word or two.
+
+    By its error, and by whether it is `sound`: its band could be judged, and holds, and its errors do not drift.
+    """
     if log_rmse > GOOD:
         return "roughly followed" if log_rmse <= FAIR else "missed"
     if not sound:
@@ -633,14 +630,17 @@ def verdict(
     coverage_p_value: float = math.nan,
     fitted: bool = False,
     looks: int = 1,
-) -> str:
-    """One plain sentence about a group, from its log errors and the scores of its band, and whether it was fitted.
+) -> tuple[Size, str]:
+    """How well a group is met, and one plain sentence that begins with that.
+
+    From its log errors and the scores of its band, and whether it was fitted.
 
     Of so many `looks` chance finds any drift in one case of a hundred, and any band that is too narrow.
     """
     rmse, n = root_mean_square(error), error.size
     band = _band(coverage, n, pit_p_value, coverage_p_value, looks)
-    size = size_of(rmse, sound=_sound(band, n, drift_p_value * looks), fitted=fitted)
+    drifts = drift_p_value * looks < LEVEL
+    size = size_of(rmse, sound=n >= JUDGED and band != "narrow" and not drifts, fitted=fitted)
     worst = int(np.argmax(np.abs(error)))
     ruled = n > 2 and error[worst] ** 2 > 0.5 * np.sum(error**2)
     factor = _factor(rmse)
@@ -648,8 +648,7 @@ def verdict(
     rest = f" ({other} but for one reading)" if other != factor else ""
     parts = [f"{size}, typically off by {factor}{rest}, {_direction(error)}"]
     if n < JUDGED:
-        return f"{parts[0]}; too few readings to judge its band"
-    drifts = drift_p_value * looks < LEVEL
+        return size, f"{parts[0]}; too few readings to judge its band"
     if band == "narrow":
         parts.append(f"its 90 % band holds only {fixed(coverage, per_cent=True)} % of the readings")
     elif band == "wide":
@@ -664,7 +663,7 @@ def verdict(
     if drifts:
         absorbed = "" if band == "narrow" else " that the scatter absorbs"
         parts.append(f"its errors drift along the sweep: the model misses a trend{absorbed}")
-    return "; ".join(parts)
+    return size, "; ".join(parts)
 
 
 Retest = Callable[[Run], Retested | None]

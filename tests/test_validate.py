@@ -7,6 +7,7 @@ import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,6 @@ from psafit.inference.problem import Problem
 from psafit.inference.run_folder import load
 from psafit.physics import terms
 from psafit.records import Broken, Retested, Validation, read_json
-from psafit.validate import verdict
 
 
 @pytest.fixture(scope="module")
@@ -130,6 +130,12 @@ def test_bands_are_judged_against_groups_that_share_an_error(known: Experiment) 
     assert np.mean(too_narrow) > 0.3  # as a fit that is surer than it may be
 
 
+def sentence(*args: Any, **how: Any) -> str:
+    """What is said of a group, by `validate.verdict`."""
+    _, said = validate.verdict(*args, **how)
+    return said
+
+
 def as_few(coverage: float, n: int) -> float:
     """Chance of a band of 90 % that holds as few of n readings which have no error in common."""
     return float(stats.binom.cdf(round(coverage * n), n, 0.9))
@@ -194,7 +200,7 @@ def test_predictions_csv_keeps_the_contract(checked) -> None:  # type: ignore[no
 )  # fmt: skip
 def test_verdicts_in_words(large: int, error: float, coverage: float, uniform: float, drift: float, words: str) -> None:
     errors = np.where(np.arange(100) < large, error, -error)
-    said = validate.verdict(errors, coverage, uniform, drift, coverage_p_value=as_few(coverage, 100))
+    said = sentence(errors, coverage, uniform, drift, coverage_p_value=as_few(coverage, 100))
     assert words in said
     assert ("speaks against" in said) == (coverage == 0.9 and uniform == drift == 0.5)
 
@@ -203,17 +209,17 @@ def test_a_fit_predicts_only_with_errors_and_coverage_that_are_known() -> None:
     """Small errors of readings too few for a band, or outside it, are followed closely, and no more."""
     for n, coverage, well in ((4, 1.0, False), (40, 0.6, False), (40, 0.9, True)):
         how = {"coverage_p_value": as_few(coverage, n)}
-        assert ("predicted well" in validate.verdict(np.full(n, 0.05), coverage, 0.5, 0.5, **how)) is well
+        assert ("predicted well" in sentence(np.full(n, 0.05), coverage, 0.5, 0.5, **how)) is well
 
 
 def test_a_band_that_holds_few_is_given_with_the_chance_of_that() -> None:
     """One of ten groups: what happens once in 800 is no news yet, and no reading of it is hidden."""
     errors, p = np.full(40, 0.05), 0.0012
-    said = validate.verdict(errors, 0.6, 0.5, 0.5, coverage_p_value=p, looks=10)
+    said = sentence(errors, 0.6, 0.5, 0.5, coverage_p_value=p, looks=10)
     assert said.endswith("its 90 % band holds 60 % of the readings (p = 0.0012, of 10 tests)")
-    assert "holds only 60 %" in validate.verdict(errors, 0.6, 0.5, 0.5, coverage_p_value=p, looks=8)
-    assert validate.verdict(errors, 0.6, 0.5, 0.5).endswith("its 90 % band holds 60 % of the readings")
-    assert "wide enough" not in validate.verdict(errors, 0.6, 1e-4, 0.5, coverage_p_value=p, looks=10)
+    assert "holds only 60 %" in sentence(errors, 0.6, 0.5, 0.5, coverage_p_value=p, looks=8)
+    assert sentence(errors, 0.6, 0.5, 0.5).endswith("its 90 % band holds 60 % of the readings")
+    assert "wide enough" not in sentence(errors, 0.6, 1e-4, 0.5, coverage_p_value=p, looks=10)
 
 
 def test_unseen_groups_are_simulated_together(checked) -> None:  # type: ignore[no-untyped-def]
@@ -354,13 +360,13 @@ def test_one_unseen_group_that_fails_is_not_averaged_away(checked) -> None:  # t
 
 
 def test_what_was_fitted_is_not_called_predicted() -> None:
-    assert validate.verdict(np.full(50, 0.05), 0.9, 0.5, 0.5, fitted=True).startswith("fitted well, ")
+    assert sentence(np.full(50, 0.05), 0.9, 0.5, 0.5, fitted=True).startswith("fitted well, ")
     assert validate.size_of(0.05, sound=True, fitted=False) == "predicted well"
 
 
 def test_a_group_whose_errors_drift_is_not_met_well() -> None:
     for fitted in (True, False):
-        said = validate.verdict(np.full(50, 0.05), 0.9, 0.5, 1e-4, fitted=fitted)
+        said = sentence(np.full(50, 0.05), 0.9, 0.5, 1e-4, fitted=fitted)
         assert said.startswith("followed closely, ") and "its errors drift along the sweep" in said
 
 
@@ -376,14 +382,14 @@ def test_the_record_holds_the_size_that_the_sentence_names(checked) -> None:  # 
 
 def test_many_small_errors_against_few_large_ones() -> None:
     """The mean must not contradict the count."""
-    said = validate.verdict(np.append(np.full(90, 0.05), np.full(10, -3.0)), 0.9, 0.5, 0.5)
+    said = sentence(np.append(np.full(90, 0.05), np.full(10, -3.0)), 0.9, 0.5, 0.5)
     assert "mostly too large;" in said and "on average" not in said
 
 
 def test_no_factor_is_given_that_says_nothing() -> None:
-    large = validate.verdict(np.full(50, 0.004), 0.9, 0.5, 0.5)
+    large = sentence(np.full(50, 0.004), 0.9, 0.5, 0.5)
     assert "typically off by ×1.00, mostly too large;" in large
-    one = validate.verdict(np.append(np.full(50, 1e-4), -0.015), 0.9, 0.5, 0.5)
+    one = sentence(np.append(np.full(50, 1e-4), -0.015), 0.9, 0.5, 0.5)
     assert "typically off by ×1.00, mostly too " in one and "one reading" not in one and "average" not in one
 
 
@@ -404,7 +410,7 @@ def test_a_group_that_cannot_show_it_enters_no_mean(checked) -> None:  # type: i
 
 
 def test_no_word_of_the_band_of_a_few_readings() -> None:
-    said = validate.verdict(np.full(4, 0.05), 1.0, 1e-3, 1e-3)
+    said = sentence(np.full(4, 0.05), 1.0, 1e-3, 1e-3)
     assert said.endswith("too few readings to judge its band") and "speaks against" not in said
 
 
@@ -493,7 +499,7 @@ def test_a_sweep_is_ordered_by_what_it_sweeps() -> None:
 
 def test_one_reading_that_rules_a_group_is_distinguished():
     off = np.full(20, 0.1)
-    assert "but for one reading" not in verdict(off, 0.9, 0.5, 0.5)
+    assert "but for one reading" not in sentence(off, 0.9, 0.5, 0.5)
     off[7] = -2.0
-    assert "off by ×1.58 (×1.11 but for one reading), " in verdict(off, 0.9, 0.5, 0.5)
-    assert "but for one reading" not in verdict(off[6:8], 0.9, 0.5, 0.5)  # which of two?
+    assert "off by ×1.58 (×1.11 but for one reading), " in sentence(off, 0.9, 0.5, 0.5)
+    assert "but for one reading" not in sentence(off[6:8], 0.9, 0.5, 0.5)  # which of two?

@@ -184,8 +184,7 @@ def say_diagnosis(
     from psafit.diagnose.answer.findings import Sizes
 
     click.echo(result.headline)
-    options = _typed(plugin_words())
-    words = TerminalWords(_typed([experiment]), options and f" {options}")
+    words = TerminalWords(_typed([experiment]), _typed(plugin_words()))
     said = [s for s in answer(result, beliefs) if not isinstance(s, Sizes)]  # they stand in the table
 
     def say(*, besides: bool) -> None:

@@ -19,7 +19,7 @@ class Words:
     """What stands for the experiment's folder in a command."""
 
     options = ""
-    """What a command needs besides, each with a space in front."""
+    """What a command needs besides."""
 
     def put(self, template: str, *parts: object) -> str:
         """Return a sentence with its parts in place."""
@@ -64,7 +64,7 @@ class Words:
     def fit_command(self, groups: Sequence[GroupId], terms: Sequence[str]) -> str:
         """Return the command that fits some causes to some groups."""
         chosen = f"--group {','.join(map(str, groups))} --terms {','.join(terms)}"
-        return self.code(f"psafit fit {self.experiment} {chosen}{self.options}")
+        return self.code(f"psafit fit {self.experiment} {chosen} {self.options}".rstrip())
 
     def per_cent(self, fraction: float) -> str:
         """Return a share in whole per cent; never 0 or 100 unless it is."""

@@ -17,6 +17,7 @@ import psafit.diagnose
 from psafit import plugins
 from psafit.cli.common import shown_path
 from psafit.cli.diagnosing import say_diagnosis
+from psafit.cli.terminal_words import TerminalWords
 from psafit.diagnose.answer import sentences
 from psafit.errors import InputError
 from psafit.parameters import Belief, LogNormal
@@ -173,6 +174,9 @@ def test_a_command_in_the_terminal_can_be_typed_as_it_stands(capsys: pytest.Capt
     belief = Belief("swing_drag_rate", LogNormal(1.0, 2.0), "sailcloth", probability=0.9)
     say_diagnosis(make_record(make_experiment()), [belief], Path("my rig"))
     assert "psafit fit 'my rig' --group" in capsys.readouterr().out
+    assert TerminalWords("my-rig", "--plugin own.py").fit_command([1, 2], ["gap"]) == (
+        "psafit fit my-rig --group 1,2 --terms gap --plugin own.py"
+    )
 
 
 def test_record_and_terminal_say_the_same(capsys: pytest.CaptureFixture[str]) -> None:

@@ -213,7 +213,7 @@ def test_causes_are_named(page):
 def test_thresholds_are_those_of_the_verdict():
     for limit, below, above in ((GOOD, "predicted well", "roughly"), (FAIR, "roughly followed", "missed")):
         for error, words in ((limit - 1e-9, below), (limit + 1e-9, above)):
-            assert verdict(np.full(50, error), 0.9, 0.5, 0.5).startswith(words)
+            assert verdict(np.full(50, error), 0.9, 0.5, 0.5)[1].startswith(words)
 
 
 def test_a_fit_that_is_too_sure_does_not_predict(tmp_path):

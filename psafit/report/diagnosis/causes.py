@@ -27,7 +27,7 @@ from psafit.diagnose.record.models import (
     ParameterResult,
     ScreeningResult,
 )
-from psafit.diagnose.words import NO_ACTION, PLAIN
+from psafit.diagnose.words import NO_ACTION
 from psafit.experiment import Group
 from psafit.inference.evidence import TRUSTED
 from psafit.report.catalogue import TITLES, cause, model, parameter
@@ -37,6 +37,7 @@ from psafit.report.diagnosis.words import share
 from psafit.report.figures.axes import label, scale_axis
 from psafit.report.figures.influence import influence_figure
 from psafit.report.page import Picture, figure_data_uri
+from psafit.report.page_words import PAGE
 from psafit.report.style import PALETTE, figure_style, new_figure
 from psafit.report.wording import NBSP, interval, noted, number, span, typeset, with_unit
 from psafit.text import count, fixed, significant
@@ -75,7 +76,7 @@ def content(result: Diagnosis, shown: Sequence[Shown], pictured: Sequence[Shown]
         "models": model_rows(result),
         "best_model": None
         if best is None
-        else _parameters(best) | {"fit": best.terms and PLAIN.fit_command(result.groups, best.terms)},
+        else _parameters(best) | {"fit": best.terms and PAGE.fit_command(result.groups, best.terms)},
         "other_models": [_parameters(c) for c in result.causes if c is not best],
         "best_model_listed": best is result.best_model,
         "influence": influence_pictures(result.influence, pictured) if result.influence else [],
