@@ -20,6 +20,7 @@ from psafit.diagnose import diagnose
 from psafit.diagnose.record import RESULT, Diagnosis
 from psafit.diagnose.record.models import CauseResult
 from psafit.diagnose.retest import once
+from psafit.diagnose.words import PLAIN
 from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, GroupId
 from psafit.experiment.records import CONDITION_COLUMNS
@@ -37,7 +38,6 @@ from psafit.progress import watcher
 from psafit.records import Validation, read_json
 from psafit.report import notebook
 from psafit.report.notebook import Axes
-from psafit.text import significant
 from psafit.validate import Prediction, columns_of, prediction_rows, validate
 
 
@@ -436,11 +436,10 @@ def _sizes(cause: CauseResult) -> Iterator[tuple[str, str]]:
     """Each parameter of a model, and its value with its interval and unit as the terminal prints it."""
     for name, p in cause.parameters.items():
         if p.interval is None:
-            unit = "" if p.unit == "1" else f" {p.unit}"
-            size = f"{significant(p.median)}{unit} (not sampled)"
+            size = f"{PLAIN.value(p.unit, p.median, None)} (not sampled)"
         else:
             size = describe("", p.unit, p.median, p.interval, [], "determined").removeprefix(" = ")
-        yield name, size + (not_expected(p.prior_interval) if name in cause.implausible else "")
+        yield name, size + (not_expected(p.unit, p.prior_interval) if name in cause.implausible else "")
 
 
 def _listed(given: GroupId | Sequence[GroupId]) -> list[GroupId]:

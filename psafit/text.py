@@ -9,9 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from decimal import ROUND_HALF_UP, Context, Decimal
+from typing import Final
 
 # Exact for every float there is: the largest has 309 digits before the point.
 _EXACT = Context(prec=400, rounding=ROUND_HALF_UP)
+# Units that take prefixes, each below this size; and the prefixes.
+_PREFIXED: Final = {"m": 1e-3, "s": 1.0, "N": 1e-2}
+_SMALL: Final = ((1e3, "m"), (1e6, "u"), (1e9, "n"))
 
 
 def fixed(value: float, digits: int = 0, *, sign: bool = False, per_cent: bool = False) -> str:
@@ -73,6 +77,41 @@ def resolved(value: float, spread: float) -> str:
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     tens = int(exponent)
     return f"{float(f'{value:.{digits}g}'):g}" if -4 <= tens < 5 else f"{mantissa}e{tens}"
+
+
+def prefixed(unit: str, *values: float) -> tuple[str, list[float]]:
+    """Return a unit with the prefix that suits the largest of some values, and the values in it.
+
+    >>> prefixed("m", 7.67e-5)
+    ('um', [76.7])
+    >>> prefixed("N/m", 1e-9)
+    ('N/m', [1e-09])
+    """
+    largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
+    if unit in _PREFIXED and 0 < largest < _PREFIXED[unit]:
+        factor, prefix = next(((f, p) for f, p in _SMALL if largest * f >= 1), (1.0, ""))
+        # To fifteen digits: what was round stays round.
+        return prefix + unit, [float(f"{v * factor:.15g}") for v in values]
+    return unit, list(values)
+
+
+def with_unit(text: str, unit: str) -> str:
+    """Append a unit, if there is one.
+
+    >>> with_unit("3", "um"), with_unit("3", "1")
+    ('3 um', '3')
+    """
+    return text if unit == "1" else f"{text} {unit}"
+
+
+def span_text(unit: str, ends: tuple[float, float]) -> str:
+    """From one value to another, in the unit with the prefix that suits them.
+
+    >>> span_text("m", (1e-6, 2.5e-5))
+    '1 to 25 um'
+    """
+    unit, both = prefixed(unit, *ends)
+    return with_unit(" to ".join(map(significant, both)), unit)
 
 
 def percent(fraction: float) -> str:

@@ -255,11 +255,12 @@ def _say_fit(result: Run, numerics: Numerics) -> None:
     if result.fit.n_missed:
         click.echo("the best minimum was found by the sampler, not by the search; the result is of it")
     left = result.not_determined
-    for p in result.summary.parameters:
+    for p, entry in zip(result.summary.parameters, result.fit.parameters, strict=True):
         if p.name not in left:
-            strange = p.implausible and p.verdict != "not determined"
-            also = profiled(p.profile, (p.lower, p.upper), p.verdict)
-            click.echo(f"  {p.text}{also}" + (not_expected((p.prior_lower, p.prior_upper)) if strange else ""))
+            also = profiled(entry.unit, p.profile, (p.lower, p.upper), p.verdict)
+            if p.implausible and p.verdict != "not determined":
+                also += not_expected(entry.unit, (p.prior_lower, p.prior_upper))
+            click.echo(f"  {p.text}{also}")
     if left:
         click.echo(f"  not determined, of the scatter or of sessions: {', '.join(left)}")
     if meanings := redefined(result.problem.ids):

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from psafit.experiment import GroupId
-from psafit.text import fixed, percent, series, set_name, significant
+from psafit.text import fixed, percent, prefixed, series, set_name, significant, span_text, with_unit
 
 NO_ACTION: Final = "does not act on what was read"
 """What is said of a cause that acts on no drive of the readings, or changes only what was not read."""
@@ -76,12 +76,13 @@ class Words:
 
     def value(self, unit: str, median: float, ends: tuple[float, float] | None) -> str:
         """Return a value with its interval."""
-        interval = f" ({significant(ends[0])} to {significant(ends[1])})" if ends else ""
-        return f"{significant(median)}{interval}{'' if unit == '1' else f' {unit}'}"
+        unit, (median, *both) = prefixed(unit, median, *(ends or ()))
+        middle, *interval = map(significant, (median, *both))
+        return with_unit(f"{middle} ({' to '.join(interval)})" if interval else middle, unit)
 
     def span(self, unit: str, ends: tuple[float, float]) -> str:
         """Return where a value may lie."""
-        return f"{significant(ends[0])} to {significant(ends[1])}{'' if unit == '1' else f' {unit}'}"
+        return span_text(unit, ends)
 
     # What follows is made of the above.
 

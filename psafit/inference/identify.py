@@ -19,7 +19,7 @@ from psafit.inference.problem import Problem
 from psafit.parameters import Parameter
 from psafit.physics import baseline
 from psafit.records import ProfilePoint
-from psafit.text import resolved, significant
+from psafit.text import prefixed, resolved, span_text, with_unit
 
 # Half the 90 % point of chi-square with one degree of freedom (Wilks): the drop of log likelihood at either end of a
 # 90 % interval, hence at a single limit that holds with 95 %.
@@ -323,21 +323,24 @@ def supported(unit: str, points: list[ProfilePoint], interval: tuple[float, floa
     lower, upper = one_sided(points, interval)
     side, limit = ("most", upper) if word == "bounded above" else ("least", lower)
     assert limit is not None  # bounded on one side
-    spread = min(abs(limit), (interval[1] - interval[0]) / 2)
-    return f"at {side} {resolved(limit, spread)}{'' if unit == '1' else f' {unit}'} (95 %)"
+    unit, (limit, lowest, highest) = prefixed(unit, limit, *interval)
+    spread = min(abs(limit), (highest - lowest) / 2)
+    return f"at {side} {with_unit(resolved(limit, spread), unit)} (95 %)"
 
 
-def profiled(points: list[ProfilePoint], interval: tuple[float, float], word: str) -> str:
+def profiled(unit: str, points: list[ProfilePoint], interval: tuple[float, float], word: str) -> str:
     """Behind a limit of the profile likelihood: that it is one, and what the posterior has, priors included."""
     if not points or not word.startswith("bounded"):
         return ""
-    lower, upper = (resolved(end, (interval[1] - interval[0]) / 2) for end in interval)
-    return f"; that is by the profile likelihood; by the posterior, with its priors: {lower} to {upper} (90 %)"
+    unit, ends = prefixed(unit, *interval)
+    lower, upper = (resolved(end, (ends[1] - ends[0]) / 2) for end in ends)
+    by_posterior = f"{lower} to {with_unit(upper, unit)}"
+    return f"; that is by the profile likelihood; by the posterior, with its priors: {by_posterior} (90 %)"
 
 
-def not_expected(expected: tuple[float, float] | None) -> str:
+def not_expected(unit: str, expected: tuple[float, float] | None) -> str:
     """What is added to an implausible value: where its prior expects it."""
-    where = f" ({significant(expected[0])} to {significant(expected[1])} expected)" if expected else ""
+    where = f" ({span_text(unit, expected)} expected)" if expected else ""
     return f"; implausible under its prior{where}"
 
 
@@ -346,10 +349,10 @@ def describe(
 ) -> str:
     """The value as far as the data support it, in words."""
     if word == "determined":
-        spread = (interval[1] - interval[0]) / 2
-        lower, upper = (resolved(end, spread) for end in interval)
-        unit = "" if unit == "1" else f" {unit}"
-        return f"{name} = {resolved(median, spread)}{unit} (90 %: {lower} to {upper})"
+        unit, (median, *ends) = prefixed(unit, median, *interval)
+        spread = (ends[1] - ends[0]) / 2
+        lower, upper = (resolved(end, spread) for end in ends)
+        return f"{name} = {with_unit(resolved(median, spread), unit)} (90 %: {lower} to {upper})"
     if word == "not determined":
         why = "neither side of its profile closes" if points else "its interval is little narrower than the prior's"
     else:

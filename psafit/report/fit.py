@@ -38,7 +38,6 @@ from psafit.report.wording import (
     offsets,
     p_value,
     percent,
-    prefixed,
     rounded,
     span,
     symbol_html,
@@ -46,7 +45,7 @@ from psafit.report.wording import (
     unit_text,
     with_unit,
 )
-from psafit.text import count, fixed
+from psafit.text import count, fixed, prefixed
 from psafit.validate import (
     Prediction,
     Predicts,

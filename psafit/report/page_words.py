@@ -9,7 +9,8 @@ from markupsafe import Markup
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.report.catalogue import TITLES, model, symbol
-from psafit.report.wording import NBSP, groups, interval, listed, number, percent, prefixed, span, typeset, with_unit
+from psafit.report.wording import NBSP, groups, interval, listed, number, percent, span, typeset, with_unit
+from psafit.text import prefixed
 
 
 class PageWords(Words):

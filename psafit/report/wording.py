@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 
 from psafit.experiment import Group
 from psafit.report.figures.axes import SUPERSCRIPT, power_of_ten
-from psafit.text import fixed
+from psafit.text import fixed, prefixed
 from psafit.text import percent as plain_percent
 
 _GREEK: Final = {
@@ -40,9 +40,6 @@ _GREEK: Final = {
     "Delta": "Δ",
     "Omega": "Ω",
 }
-# Units that take prefixes, each below this size; and the prefixes.
-_PREFIXED: Final = {"m": 1e-3, "s": 1.0, "N": 1e-2}
-_SMALL: Final = ((1e3, "m"), (1e6, "u"), (1e9, "n"))
 NBSP: Final = "\N{NO-BREAK SPACE}"
 TIMES: Final = f"{NBSP}×{NBSP}"
 
@@ -51,22 +48,6 @@ def unit_text(unit: str) -> str:
     """Unit as shown: µm for um, m/s² for m/s^2, nothing for a pure number; it does not break."""
     raised = re.sub(r"\^(-?\d)", lambda m: m[1].translate(SUPERSCRIPT), unit)
     return {"1": "", "um": "µm", "us": "µs", "uN": "µN"}.get(unit, raised).replace(" ", NBSP)
-
-
-def prefixed(unit: str, *values: float) -> tuple[str, list[float]]:
-    """A unit with the prefix that suits the largest of some values, and the values in it.
-
-    >>> prefixed("m", 7.67e-5)
-    ('um', [76.7])
-    >>> prefixed("N/m", 1e-9)
-    ('N/m', [1e-09])
-    """
-    largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
-    if unit in _PREFIXED and 0 < largest < _PREFIXED[unit]:
-        factor, prefix = next(((f, p) for f, p in _SMALL if largest * f >= 1), (1.0, ""))
-        # To fifteen digits: what was round stays round.
-        return prefix + unit, [float(f"{v * factor:.15g}") for v in values]
-    return unit, list(values)
 
 
 def with_unit(text: str, unit: str) -> str:

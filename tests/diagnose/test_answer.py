@@ -366,11 +366,11 @@ def test_what_fits_at_implausible_values_is_not_said_to_explain() -> None:
 def test_an_implausible_scatter_is_flagged_too() -> None:
     first, *others = record().causes
     wide = replace(first.parameters["sigma_abs"], median=2e-4, lower=1e-4, upper=3e-4, unit="m")
-    for ends, expected in (((None, None), ""), ((1e-6, 2e-5), " (its prior expects 1e-06 to 2e-05 m)")):
+    for ends, expected in (((None, None), ""), ((1e-6, 2e-5), " (its prior expects 1 to 20 um)")):
         scatter = replace(wide, prior_lower=ends[0], prior_upper=ends[1])
         model = replace(first, implausible=["sigma_abs"], parameters=first.parameters | {"sigma_abs": scatter})
         (found,) = of(replace(record(), causes=[model, *others]), Implausible)
-        value = "sigma_abs = 0.0002 (0.0001 to 0.0003) m"
+        value = "sigma_abs = 200 (100 to 300) um"
         assert found.say(PLAIN) == f"Implausible values: {value}{expected} of hysteresis."
     sharp = replace(wide, prior_lower=1e-3, prior_upper=1e-2)
     model = replace(first, implausible=["sigma_abs"], parameters=first.parameters | {"sigma_abs": sharp})
@@ -494,7 +494,7 @@ def test_what_may_be_at_work_as_well_is_said_with_what_it_would_change() -> None
     (weak,) = of(adequate, TooWeak)
     said = weak.say(PLAIN)
     assert said.startswith(
-        "Perhaps at work as well, but too weak to count by itself: amplifier_lag, with amplifier_lag_tau = 3.2e"
+        "Perhaps at work as well, but too weak to count by itself: amplifier_lag, with amplifier_lag_tau = 32 "
     )
     both = replace(weak, counted=replace(counted, by_readings=6.7)).say(PLAIN)
     assert "alone: the readings give a factor of 6.7, and what is expected of such rigs 0.2. With it" in both

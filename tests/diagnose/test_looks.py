@@ -59,6 +59,6 @@ def test_the_first_look_is_said_with_what_it_shows() -> None:
     assert statement.found is seen[0]
     said = "Without launches, check what is there: that shows whether gap is at work."
     known = LookAt(replace(seen[0], parameters={"gap_width": ParameterResult(2e-6, 1e-6, 3e-6, "m", "gap", 0.5)}))
-    assert known.say(PLAIN) == said.replace(".", ", by these readings with gap_width = 2e-06 (1e-06 to 3e-06) m.")
+    assert known.say(PLAIN) == said.replace(".", ", by these readings with gap_width = 2 (1 to 3) um.")
     assert said in sentences(replace(d, looks=seen))
     assert not any(isinstance(s, LookAt) for s in answer(replace(d, looks=[])))

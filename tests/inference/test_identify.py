@@ -126,10 +126,15 @@ def test_words_for_each_verdict() -> None:
     assert "at least 1.7 (95 %)" in identify.describe("c_c", "1", 5.0, (1.0, 9.0), below, "bounded below")
     near = [replace(p, value=1.0 + 0.01 * p.value) for p in above]  # an exponent whose neutral value is 1
     assert "at most 1.023 (95 %)" in identify.describe("n", "1", 1.02, (1.003, 1.043), near, "bounded above")
-    said = identify.profiled(above, (1.0, 9.0), "bounded above")
-    assert said.endswith("by the profile likelihood; by the posterior, with its priors: 1 to 9 (90 %)")
+    said = identify.profiled("N/m", above, (1.0, 9.0), "bounded above")
+    assert said.endswith("by the profile likelihood; by the posterior, with its priors: 1 to 9 N/m (90 %)")
     plain = ((above, "determined"), (flat, "not determined"), ([], "bounded above"))
-    assert not any(identify.profiled(points, (1.0, 9.0), word) for points, word in plain)
+    assert not any(identify.profiled("1", points, (1.0, 9.0), word) for points, word in plain)
+    lag = identify.describe("lag", "s", 9.3e-5, (6.9e-5, 1.32e-4), [], "determined")
+    assert lag == "lag = 93 us (90 %: 69 to 132)"
+    assert "at most 230 um (95 %)" in identify.describe(
+        "gap", "m", 5e-4, (1e-4, 9e-4), [replace(p, value=0.0001 * p.value) for p in above], "bounded above"
+    )
     assert identify.describe("c_c", "1", 5.0, (1.0, 9.0), flat, "not determined").endswith("of its profile closes")
     assert identify.describe("nu", "1", 5.0, (1.0, 9.0), [], "not determined").endswith("narrower than the prior's")
     assert resolved(142537.0, 812.0) == "1.4254e5"

@@ -19,11 +19,10 @@ from psafit.report.wording import (
     number,
     p_value,
     percent,
-    prefixed,
     typeset,
     with_unit,
 )
-from psafit.text import fixed, significant
+from psafit.text import fixed, prefixed, significant
 
 KINDS_MEAN: dict[Kind, str] = {
     "chance": "If it is nothing but chance, a repetition shows nothing.",
