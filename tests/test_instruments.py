@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from folders import HEADER, TOML, refusal, write
+from folders import CSV, HEADER, TOML, refusal, write
 from rigs import RIG, TRUTH
 
 from psafit.challenge.hide import make, simulate_literally
@@ -43,6 +43,20 @@ BOTH = HEADER.replace("launch_range_um", "launch_speed_mm_s,launch_range_um") + 
 
 def with_instruments(folder: Path, lines: str = 'launch_speed_mm_s = "laser"') -> Path:
     return write(folder, f"{TOML}\n[instruments]\n{lines}\n", a=BOTH)
+
+
+@pytest.mark.parametrize("column", ["launch_range_um", "launch_speed_mm_s", "contact_time_us", "peak_force_n"])
+@pytest.mark.parametrize("cause", [t.id for t in TERMS if t.latent])
+def test_what_sessions_have_is_predicted_where_nothing_read_shows_it(tmp_path: Path, cause: str, column: str) -> None:
+    """No instrument has a gain to be fitted where only contact times or forces were read."""
+    read = CSV.replace("launch_range_um", column)
+    experiment = read_experiment(write(tmp_path, a=read, b=read))
+    problem = Problem(experiment, experiment.ids, terms([cause]))
+    u = problem.medians[None]
+    assert problem.predict(u).shape == (1, 6) and np.isfinite(problem.log_posterior(u)).all()
+    if cause == "reading_gain" and column in ("contact_time_us", "peak_force_n"):
+        plain, left = problem.without(*problem.terms)
+        assert problem.predict(u) == pytest.approx(plain.predict(u[:, left]), rel=1e-12)
 
 
 def test_instruments_are_read_written_and_part_of_the_data(tmp_path: Path) -> None:
