@@ -261,4 +261,5 @@ def _sizes(cause: CauseResult, *, whole: bool) -> Iterator[str]:
         mine = owner(name) in cause.terms or (whole and name in plain)
         if mine and p.interval is not None:
             size = describe(name, p.unit, p.median, p.interval, [], "determined")
-            yield size + (not_expected(p.unit, p.prior_interval) if name in cause.implausible else "")
+            size += not_expected(p.unit, p.prior_interval) if name in cause.implausible else ""
+            yield f"{size}: {p.description}" if p.description else size

@@ -178,7 +178,7 @@ def _planned(run: Path, out: Path, proposal: int, experiment: Path | None, quiet
     import psafit
     from psafit.diagnose.next_experiment import planned
     from psafit.diagnose.record import RESULT, is_diagnosis
-    from psafit.experiment import read_plan, write_experiment
+    from psafit.experiment import DEFINITION, read_plan, write_experiment
     from psafit.files import filling
 
     if not is_diagnosis(run):
@@ -199,6 +199,8 @@ def _planned(run: Path, out: Path, proposal: int, experiment: Path | None, quiet
     if not quiet:
         place, file, fitted = (shlex.quote(shown_path(p)) for p in (out, out / sweep.file, run))
         click.echo(f"group {sweep.id}: {text}")
+        same = f"write session = ID below it in {shlex.quote(shown_path(out / DEFINITION))}, the id of that group"
+        click.echo(f"it counts as a session of its own; if nothing is set up anew since another group, {same}")
         click.echo(f"what is expected: psafit simulate {place} --run {fitted} --plot plan.png")
         o = sweep.observable
         columns = o.column if sweep.sigma is None else f"{o.column} and your {o.sigma_column}"

@@ -345,7 +345,7 @@ def proposal_of(possible: Possible, found: _Judgement, usual: int = 0, pairs: It
         possible.text, drive.waveform, d.frequency[some].tolist(), d.amplitude[some].tolist(), possible.changed,
         separation, success, error, list(pairs), drive.settings,
         None if d.measured[0] == usual else OBSERVABLES[d.measured[0]].name,
-        (d.time * 1e6).tolist() if traced else None, possible.other,
+        np.round(d.time * 1e6, 9).tolist() if traced else None, possible.other,
     )  # fmt: skip
 
 

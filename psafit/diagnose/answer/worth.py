@@ -130,5 +130,6 @@ class Next(Statement):
         if self.found.recommended:
             how = "Next, measure {}: it {}" if equal else "Next, measure {}: it best {}"
         others = f"; {count(equal, 'other proposal')} may do as well." if equal else "."
-        rest = " It separates the two likeliest sets; without --quick up to four are compared." if self.more else ""
+        how_many = " It separates the two likeliest sets; without --quick, many times as long, up to four are compared."
+        rest = how_many if self.more else ""
         return words.put(how + others + rest, words.number(first.text), self.found.promise(first, words))
