@@ -199,13 +199,14 @@ def say_diagnosis(
         click.echo("  if the truth were in the catalogue:")
     rows: list[tuple[float, list[str]]] = []
     reported = [result.named, *result.alternatives]
+    described: set[str] = set()
     for cause in result.causes:
         share = cause.evidence.share if given_named else cause.probability
         if cause.terms not in ([], *reported) and (share < least or len(rows) >= most):
             continue
         gain = f"log likelihood {fixed(cause.evidence.gain, 1, sign=True)} nats over the baseline's"
         head = f"{set_name(cause.terms)}, {gain}" if cause.terms else "no cause"
-        sizes = _sizes(cause, whole=cause.terms == result.named) if cause.terms in reported else ()
+        sizes = _sizes(cause, described, whole=cause.terms == result.named) if cause.terms in reported else ()
         rows.append((share, [head, *sizes]))
     if not given_named and result.reports_unnamed:
         rows.append((result.unnamed, ["a discrepancy without a name"]))
@@ -251,8 +252,11 @@ def share_text(fraction: float) -> str:
     return "<0.1" if text == "0.0" and fraction > 0 else ">99.9" if text == "100.0" and fraction < 1 else text
 
 
-def _sizes(cause: CauseResult, *, whole: bool) -> Iterator[str]:
-    """The values of a model's own causes, as the readings determine them; of the `whole` rig, if wanted."""
+def _sizes(cause: CauseResult, described: set[str], *, whole: bool) -> Iterator[str]:
+    """The values of a model's own causes, as the readings determine them; of the `whole` rig, if wanted.
+
+    What is not yet among those `described` has its description, and is so from then on.
+    """
     from psafit.inference.identify import describe, not_expected
     from psafit.physics import baseline, owner
 
@@ -262,4 +266,5 @@ def _sizes(cause: CauseResult, *, whole: bool) -> Iterator[str]:
         if mine and p.interval is not None:
             size = describe(name, p.unit, p.median, p.interval, [], "determined")
             size += not_expected(p.unit, p.prior_interval) if name in cause.implausible else ""
-            yield f"{size}: {p.description}" if p.description else size
+            yield size if name in described or not p.description else f"{size}: {p.description}"
+            described.add(name)

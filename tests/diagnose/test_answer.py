@@ -452,6 +452,8 @@ def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, reported: str
 def test_many_causes_without_a_limit_are_counted() -> None:
     room = Room([], "preload", 0.075, [f"cause_{k}" for k in range(6)], 9, None)
     assert room.say(PLAIN).endswith("Of 9 causes, 3 could be bounded; of the others no limit could be computed.")
+    assert replace(room, unbounded=[]).say(PLAIN).endswith("and refitted. All 9 causes could be bounded.")
+    assert replace(room, unbounded=[], of=1).say(PLAIN).endswith("and refitted. 1 cause could be bounded.")
 
 
 @pytest.mark.parametrize(

@@ -279,14 +279,18 @@ class Room(Statement):
 
     def say(self, words: Words) -> str:
         where = _place(self.place, words) if self.place else ""
-        free = words.put("; {} could not", words.listed(map(words.cause, self.unbounded)))
-        if len(self.unbounded) > self.few:
-            free = "; of the others no limit could be computed"
+        causes = count(self.of, "other cause" if self.adopted else "cause")
+        bounded = words.put("All {} could be bounded" if self.of > 1 else "{} could be bounded", causes)
+        if self.unbounded:
+            free = words.put("{} could not", words.listed(map(words.cause, self.unbounded)))
+            few = len(self.unbounded) <= self.few
+            bounded = words.put(
+                "Of {}, {} could be bounded; {}", causes, self.of - len(self.unbounded),
+                free if few else "of the others no limit could be computed",
+            )  # fmt: skip
         return words.put(
             "The most that these readings leave to a further cause: {} changes a reading{} by up to {} (95 % limit),"
-            " added to {} and refitted. Of {}, {} could be bounded{}.",
+            " added to {} and refitted. {}.",
             words.cause(self.cause), words.put(" ({})", where) if where else "",
-            words.fraction(max(self.share, self.least)), words.named_before(self.adopted),
-            count(self.of, "other cause" if self.adopted else "cause"), self.of - len(self.unbounded),
-            free if self.unbounded else "",
+            words.fraction(max(self.share, self.least)), words.named_before(self.adopted), bounded,
         )  # fmt: skip
