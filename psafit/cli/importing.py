@@ -49,6 +49,11 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
     metavar="NAME=VALUE[:UNIT]",
     help="A constant of the rig, or what was held: M=27:g, amplitude_v=40:Vpp, bias_v=10, cycles=5; repeat.",
 )
+@click.option(
+    "--session",
+    metavar="NAME[,NAME...]",
+    help="The session in which all tables were measured, or that of each: mon,mon,tue; blank for one of its own.",
+)
 @click.option("--rig", type=Place("input"), metavar="EXP", help="Take constants, limits and priors of this experiment.")
 @click.option("--volts", type=click.Choice(_VOLTS), help="How volts are counted where no heading says so.")
 @click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark; detected by default.")
@@ -84,6 +89,7 @@ def import_files(
     waveform: str | None,
     columns: tuple[str, ...],
     values: tuple[str, ...],
+    session: str | None,
     rig: Path | None,
     volts: Any,
     decimal: str | None,
@@ -120,6 +126,7 @@ def import_files(
         values=held,
         counted=counted,
         waveforms=tuple(part for part in shapes if "=" not in part),
+        sessions=() if session is None else tuple(map(_session, session.split(","))),
         meant=tuple((said.strip(), name.strip()) for said, _, name in (p.partition("=") for p in shapes if "=" in p)),
         volts=volts,
         decimal=decimal,
@@ -155,6 +162,17 @@ def _on_rig(tables: Sequence[Table], constants: dict[str, float], rig: Path | No
     plan = read_plan(rig)
     known = {f.name: getattr(plan.constants, f.name) for f in fields(plan.constants)}
     return Imported(tuple(tables), known | constants, plan.limits, plan.beliefs, plan.rig, plan.readable)
+
+
+def _session(text: str) -> str:
+    """The name of a session that ``--session`` gives, empty where a table has none."""
+    from psafit.experiment.importing.values import session_of
+    from psafit.experiment.text import shown
+
+    name = text.strip()
+    if name and session_of(name) is None:
+        raise InputError(f"--session: {shown(name)} is no name of a session", "write letters or digits: mon,mon,tue")
+    return name
 
 
 def _mappings(text: str) -> list[Mapping]:
@@ -330,7 +348,8 @@ def _next(imported: Imported, out: Path) -> None:
     if len(groups) > 1 and not any(g.session for g in groups):
         click.echo(
             "each group counts as a session of its own, as if the rig had been set up anew for it; below groups of one"
-            f' session write session = "NAME" in {shown_path(out / DEFINITION)}, or say --column LABEL=session'
+            f' session write session = "NAME" in {shown_path(out / DEFINITION)}, or say --session mon,mon,tue of the'
+            " tables in their order, or --column LABEL=session"
         )
     then = f"psafit check {place}"
     if imported.missing:

@@ -18,7 +18,7 @@ from foreign import draw, held_by
 
 from psafit.drives import Drive
 from psafit.errors import InputError
-from psafit.experiment import read_experiment
+from psafit.experiment import GroupId, read_experiment, read_plan
 from psafit.experiment.importing import Mapping, Options, Table, read_files
 from psafit.experiment.importing.headings import heading
 from psafit.experiment.importing.numerals import NOTATIONS
@@ -372,6 +372,30 @@ def test_an_import_takes_sessions_from_a_column(
     write(Path("b.csv"), f"Day;f (Hz);Vp;Range (um)\n{rows};1400;20;70\n")
     assert run(monkeypatch, "import", "b.csv", *given, "--column", "Day=session", "--out", "other") == 2
     assert "b.csv:6: session '' is no name of a session" in capsys.readouterr().err
+
+
+def test_an_import_takes_a_session_of_each_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in "abc":
+        write(Path(f"{name}.csv"), "Day;f (Hz);Vp;Range (um)\nmon;1200;20;76\nmon;1300;20;75\n")
+
+    def imported(*words: str) -> list[GroupId | None] | str:
+        files = ["a.csv", "b.csv", "c.csv", "--waveform", "sine", "--out", f"rig{len(list(tmp_path.iterdir()))}"]
+        if run(monkeypatch, "import", *files, *words) == 2:
+            return capsys.readouterr().err.rstrip("\n")
+        return [g.session for g in read_plan(Path(files[-1])).groups]
+
+    rig = [w for c in ("M=27:g", "m=5:g", "q=120:nm/V", "l=90:mm", "k_s=48.9:N/um", "g=9.81") for w in ("--set", c)]
+    assert imported(*rig) == [None, None, None]
+    assert imported(*rig, "--session", "mon") == ["mon", "mon", "mon"]
+    assert imported(*rig, "--session", "2, ,Tue 3rd") == ["session2", None, "Tue_3rd"]
+    assert str(imported("--session", "mon,tue")).endswith("2 sessions for 3 tables; give one, or one for each, blank"
+                                                          " where there is none")  # fmt: skip
+    assert "--session: '@' is no name of a session; write letters or digits" in str(imported("--session", "@,a,b"))
+    both = str(imported("--session", "mon", "--column", "Day=session"))
+    assert "--session is given, and column 'Day' names the sessions; leave out --session, or say" in both
 
 
 def test_an_import_ends_with_what_it_left_out(

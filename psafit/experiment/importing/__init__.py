@@ -54,6 +54,7 @@ from psafit.experiment.importing.records import (
     GROUPS,
     IGNORED,
     LABELS,
+    SESSIONS,
     Example,
     Mapping,
     Options,
@@ -238,6 +239,10 @@ def _check_used(tables: Sequence[Table], options: Options, driven: Sequence[Grid
                     remedy = f"{remedy}, or say {option(heading, IGNORED)}"
             file, line = (place.file, place.header_line or 1) if place else (None, None)
             faults.add(InputError(what, remedy, file=file, line=line))
+    named = [m.heading for m in options.columns if m.column == SESSIONS]
+    if named and options.sessions:
+        what = f"--session is given, and column {shown(named[0])} names the sessions"
+        faults.add(InputError(what, f"leave out --session, or say {option(named[0], IGNORED)}"))
     given = {"--start": options.start_us is not None, "--from-rest": options.from_rest, "--every": options.every != 1}
     groups = [group for table in tables for group in table.groups]
     counts = any(grid.counts is not None for grid in driven)

@@ -62,6 +62,8 @@ class Options:
         How the volts of an amplitude that was held are counted; one, or one for each table. Empty for zero to peak.
     waveforms : tuple of str
         One for all tables, or one for each; empty where a column says it.
+    sessions : tuple of str
+        Names of the sessions: one for all tables, or one for each, empty for a table of which each group is one.
     meant : tuple of (str, str)
         What words in such a column mean, where psafit's waveform of that name is not meant: word and waveform.
     volts : {"peak", "pp", "rms"} or None
@@ -100,6 +102,7 @@ class Options:
     values: tuple[tuple[str, Held], ...] = ()
     counted: tuple[Volts, ...] = ()
     waveforms: tuple[str, ...] = ()
+    sessions: tuple[str, ...] = ()
     meant: tuple[tuple[str, str], ...] = ()
     volts: Volts | None = None
     decimal: str | None = None
@@ -164,10 +167,15 @@ class Options:
             own += [(name, one)] if one is not None else []
         counted = self.counted[number : number + 1] if len(self.counted) > 1 else self.counted
         waveforms = self.waveforms[number : number + 1] if len(self.waveforms) > 1 else self.waveforms
+        if len(self.sessions) > 1 and len(self.sessions) != n_tables:
+            remedy = "give one, or one for each, blank where there is none"
+            raise InputError(f"{len(self.sessions)} sessions for {n_tables} tables", remedy)
+        sessions = self.sessions[number : number + 1] if len(self.sessions) > 1 else self.sessions
         alone = (0, 1)  # the one table that these options are of
         said = (m for m in self.columns if m.table is None or m.table[0] == number)
         columns = tuple(replace(m, table=m.table and alone) for m in said)
-        return replace(self, values=tuple(own), counted=counted, waveforms=waveforms, columns=columns)
+        its = replace(self, counted=counted, waveforms=waveforms, sessions=sessions)
+        return replace(its, values=tuple(own), columns=columns)
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ def readings(
         label = " ".join(text_of(_cell(row, c)) for c in chosen.of(GROUPS))
         if chosen.of(GROUPS) and not label:
             faults.add(GROUPS, "has no label", "write it into each row, also where cells were merged", row.line)
-        session = _session(row, chosen, faults)
+        session = _session(row, chosen, options, faults)
         repetitions = _repetitions(values, times, chosen)
         if faults.count == before and not repetitions:
             what, remedy = "is empty", "enter the value, or delete the row if nothing was read"
@@ -338,16 +338,22 @@ def _waveform(row: Row, chosen: Chosen, given: str, options: Options, faults: Ro
         return next(iter(WAVEFORMS))
 
 
-def _session(row: Row, chosen: Chosen, faults: RowFaults) -> GroupId | None:
-    """The session of a row, where a column names it; a number, which might be a group's id, with a word before it."""
+def _session(row: Row, chosen: Chosen, options: Options, faults: RowFaults) -> GroupId | None:
+    """The session of a row, where a column names it, or else of its table, where that has a name."""
     if not (columns := chosen.of(SESSIONS)):
-        return None
+        return next((session_of(text) for text in options.sessions if text), None)
     text = " ".join(text_of(_cell(row, c)) for c in columns)
-    name = id_of(text)
+    name = session_of(text)
     if name is None:
         faults.add(
             SESSIONS, f"{shown(text)} is no name of a session", "write letters or digits into each row", row.line
         )
+    return name
+
+
+def session_of(text: str) -> GroupId | None:
+    """A session by its name, None where it cannot be one; a number might be a group's id, so a word is before it."""
+    name = id_of(text)
     return f"session{name}" if isinstance(name, int) else name
 
 
