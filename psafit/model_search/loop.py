@@ -248,9 +248,11 @@ class _Known(Generic[Content]):
         wanted = zip(near, self.wanted(near, highest), strict=True)
         return [model for model, sets in wanted if not self.models.keys() >= {*sets}]
 
-    def showing(self) -> list[str]:
-        """Causes that show by themselves."""
-        return [m.ids[0] for m in self.models.values() if len(m.ids) == 1 and self.shows(m)]
+    def likely(self) -> list[str]:
+        """Causes that show by themselves, or are expected before any reading: these may show together alone."""
+        none = self.log_prior(())
+        alone = (m for m in self.models.values() if len(m.ids) == 1)
+        return [m.ids[0] for m in alone if self.shows(m) or self.log_prior(m.ids) > none]
 
     def pairs(self, among: Sequence[str]) -> list[Ids]:
         """Pairs of some causes that were not fitted together, where sets may have two."""
@@ -387,7 +389,7 @@ def search(
         sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
         whole = known.complete(best_model, highest)
         small = len(best_model.ids) == 2 or (len(best_model.ids) == 1 and whole)
-        if sure and small and (pairs := known.pairs(known.showing())) and not passes(best_model):
+        if sure and small and (pairs := known.pairs(known.likely())) and not passes(best_model):
             known.carry_up(pairs)
             continue
         if sure and not whole:

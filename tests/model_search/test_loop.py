@@ -343,6 +343,21 @@ def test_two_causes_are_found_behind_one_that_does_much_of_what_they_do() -> Non
     assert found.models["e", "h"].sampled and ("b", "c") not in found.models  # "h" is what "e" lacks: no more pairs
 
 
+def test_two_causes_that_are_expected_are_found_together_behind_one_that_leads_astray() -> None:
+    """ "e" leads and fails the tests; neither "b" nor "f" shows alone, and each is expected of every rig."""
+
+    def evidence(ids: Ids) -> float:
+        return max(150.0 if {"b", "f"} <= {*ids} else 0.0, 50.0 if "e" in ids else 0.0)
+
+    def expected(ids: Ids) -> float:
+        return float(len({"b", "f"} & {*ids}))
+
+    none = SearchSettings(widened=0)
+    found = search(CATALOGUE, Fake(evidence), expected, none, passes=lambda model: {"b", "f"} <= {*model.ids})
+    assert found.models["b", "f"].sampled
+    assert ("b", "f") not in search(CATALOGUE, Fake(evidence), flat, none, passes=lambda model: False).models
+
+
 def test_where_the_tests_fail_in_the_end_what_shows_besides_gets_its_neighbours_too() -> None:
     """Here "e" leads, "b" shows and does nothing with any other, but for what it does with "f", which does not show."""
     alone = {"e": 50.0, "b": 20.0, "g": 15.0}
