@@ -286,7 +286,7 @@ def _of_ball(rig: Rig, constants: Constants) -> Iterator[Followed]:
         weight = constants.M * constants.g
         why = (
             f"5 mN of a radius of 9.4 mm, in proportion to one of {1e3 * ball.ball_radius:.3g} mm; a bond of"
-            f" four times the weight, {weight:.2g} N, would be seen when the ball is hung"
+            f" four times the weight, {4 * weight:.2g} N, would be seen when the ball is hung"
         )
         known = Tailed(Normal(0.0, 5e-3 * ball.ball_radius / 9.4e-3))
         yield follows("adhesion_force", known, why, key, bounds=Bounds(0.0, 4 * weight))
