@@ -265,6 +265,7 @@ def _sizes(cause: CauseResult, described: set[str], *, whole: bool) -> Iterator[
         mine = owner(name) in cause.terms or (whole and name in plain)
         if mine and p.interval is not None:
             size = describe(name, p.unit, p.median, p.interval, [], "determined")
-            size += not_expected(p.unit, p.prior_interval) if name in cause.implausible else ""
-            yield size if name in described or not p.description else f"{size}: {p.description}"
+            if name not in described and p.description:
+                size += f": {p.description}"
             described.add(name)
+            yield size + (not_expected(p.unit, p.prior_interval) if name in cause.implausible else "")

@@ -52,7 +52,7 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
 @click.option(
     "--session",
     metavar="NAME[,NAME...]",
-    help="The session in which all tables were measured, or that of each: mon,mon,tue; blank for one of its own.",
+    help="Session of all tables, or of each: mon,mon,tue; blank: one for each of its groups.",
 )
 @click.option("--rig", type=Place("input"), metavar="EXP", help="Take constants, limits and priors of this experiment.")
 @click.option("--volts", type=click.Choice(_VOLTS), help="How volts are counted where no heading says so.")

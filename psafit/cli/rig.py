@@ -199,8 +199,9 @@ def _planned(run: Path, out: Path, proposal: int, experiment: Path | None, quiet
     if not quiet:
         place, file, fitted = (shlex.quote(shown_path(p)) for p in (out, out / sweep.file, run))
         click.echo(f"group {sweep.id}: {text}")
-        same = f"write session = ID below it in {shlex.quote(shown_path(out / DEFINITION))}, the id of that group"
-        click.echo(f"it counts as a session of its own; if nothing is set up anew since another group, {same}")
+        below = f'write session = "ID" below it in {shlex.quote(shown_path(out / DEFINITION))}'
+        click.echo(f"it counts as a session of its own; if the rig stays as it was for another group, {below}:")
+        click.echo("  that group's session, or its id if it has none")
         click.echo(f"what is expected: psafit simulate {place} --run {fitted} --plot plan.png")
         o = sweep.observable
         columns = o.column if sweep.sigma is None else f"{o.column} and your {o.sigma_column}"

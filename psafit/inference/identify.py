@@ -323,8 +323,7 @@ def supported(unit: str, points: list[ProfilePoint], interval: tuple[float, floa
     lower, upper = one_sided(points, interval)
     side, limit = ("most", upper) if word == "bounded above" else ("least", lower)
     assert limit is not None  # bounded on one side
-    unit, (limit, lowest, highest) = prefixed(unit, limit, *interval)
-    spread = min(abs(limit), (highest - lowest) / 2)
+    unit, (limit, spread) = prefixed(unit, limit, min(abs(limit), (interval[1] - interval[0]) / 2))
     return f"at {side} {with_unit(resolved(limit, spread), unit)} (95 %)"
 
 

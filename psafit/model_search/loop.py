@@ -249,7 +249,7 @@ class _Known(Generic[Content]):
         return [model for model, sets in wanted if not self.models.keys() >= {*sets}]
 
     def likely(self) -> list[str]:
-        """Causes that show by themselves, or are expected before any reading: these may show together alone."""
+        """Causes that show by themselves, or are more probable than not before any reading: they may show together."""
         none = self.log_prior(())
         alone = (m for m in self.models.values() if len(m.ids) == 1)
         return [m.ids[0] for m in alone if self.shows(m) or self.log_prior(m.ids) > none]
@@ -369,7 +369,7 @@ def search(
     log_prior : callable
         Log prior probability of a set.
     passes : callable
-        Asked of one or two causes that lead, where others show, and of what leads in the end.
+        Asked of one or two causes that lead, where others show or are expected, and of what leads in the end.
     decisive : callable
         Sets on which the answer rests. Asked in the end; those that were not sampled are, and the search goes on.
     """

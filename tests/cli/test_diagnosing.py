@@ -123,6 +123,17 @@ def test_the_terminal_lists_models_by_their_probability(capsys):
     assert sum("k_c = " in line for line in sizes) == 1 and sum("hysteresis_strength = " in line for line in sizes) == 1
 
 
+def test_what_a_parameter_is_stands_behind_the_first_of_its_values(capsys: pytest.CaptureFixture[str]) -> None:
+    record = make_record(make_experiment())
+    named, other, nothing = record.causes
+    rival = replace(other, terms=["gap", "hysteresis"], parameters=parameters("hysteresis_strength"))
+    say_diagnosis(replace(record, alternatives=[["gap", "hysteresis"]], causes=[named, rival, nothing]))
+    out = capsys.readouterr().out
+    assert out.count("hysteresis_strength = 4.10e5 (90 %: 3.80e5 to 4.40e5)") == 2
+    assert out.count("(90 %: 3.80e5 to 4.40e5): what hysteresis_strength means") == 1
+    assert "what hysteresis_voltage means; implausible under its prior (10000 to 2e+05 V expected)\n" in out
+
+
 def test_what_had_to_do_is_compared_among_models_of_the_catalogue(capsys: pytest.CaptureFixture[str]) -> None:
     """A discrepancy is none of them, however little of the probability it takes."""
     record = replace(make_record(make_experiment()), verdict="unexplained", named=[], alternatives=[], unnamed=0.09)

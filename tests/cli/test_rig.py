@@ -202,6 +202,12 @@ def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path:
     assert new.waveform == "sine" and dict(new.changed) == {"l": 0.075} and new.frequency_hz.tolist() == [100.0, 2e4]
     file = tmp_path / "next" / new.file
     assert str(file) in said and said.endswith(f"then: psafit diagnose {tmp_path / 'next'}\n")
+    toml = (tmp_path / "next" / "experiment.toml").read_text("utf-8")
+    for id in map(str, experiment.ids):  # as the second line says
+        other = tmp_path / f"with-{id}"
+        shutil.copytree(tmp_path / "next", other)
+        (other / "experiment.toml").write_text(f'{toml.rstrip()}\nsession = "{id}"\n', "utf-8")
+        assert str(read_plan(other).groups[-1].session) == id and 'write session = "ID" below it in' in said
     file.write_text("frequency_hz,amplitude_v,launch_range_um\n100,20,5\n20000,20,1\n", "utf-8")
     assert read_experiment(tmp_path / "next").group(new.id).rig(experiment.constants).l == 0.075
     write_json(folder / "diagnosis.json", replace(make_record(experiment), quick=True), sealed=True)

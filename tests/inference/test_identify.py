@@ -133,7 +133,7 @@ def test_words_for_each_verdict() -> None:
     lag = identify.describe("lag", "s", 9.3e-5, (6.9e-5, 1.32e-4), [], "determined")
     assert lag == "lag = 93 us (90 %: 69 to 132)"
     assert "at most 230 um (95 %)" in identify.describe(
-        "gap", "m", 5e-4, (1e-4, 9e-4), [replace(p, value=0.0001 * p.value) for p in above], "bounded above"
+        "gap", "m", 5e-4, (1e-4, 5e-3), [replace(p, value=0.0001 * p.value) for p in above], "bounded above"
     )
     assert identify.describe("c_c", "1", 5.0, (1.0, 9.0), flat, "not determined").endswith("of its profile closes")
     assert identify.describe("nu", "1", 5.0, (1.0, 9.0), [], "not determined").endswith("narrower than the prior's")

@@ -130,6 +130,8 @@ class Next(Statement):
         if self.found.recommended:
             how = "Next, measure {}: it {}" if equal else "Next, measure {}: it best {}"
         others = f"; {count(equal, 'other proposal')} may do as well." if equal else "."
-        how_many = " It separates the two likeliest sets; without --quick, many times as long, up to four are compared."
-        rest = how_many if self.more else ""
-        return words.put(how + others + rest, words.number(first.text), self.found.promise(first, words))
+        rest = " It separates the two likeliest sets."
+        rest += " Without --quick, which takes many times as long, up to four are compared."
+        return words.put(
+            how + others + (rest if self.more else ""), words.number(first.text), self.found.promise(first, words)
+        )

@@ -240,7 +240,7 @@ def _check_used(tables: Sequence[Table], options: Options, driven: Sequence[Grid
             file, line = (place.file, place.header_line or 1) if place else (None, None)
             faults.add(InputError(what, remedy, file=file, line=line))
     named = [m.heading for m in options.columns if m.column == SESSIONS]
-    if named and options.sessions:
+    if named and any(options.sessions):
         what = f"--session is given, and column {shown(named[0])} names the sessions"
         faults.add(InputError(what, f"leave out --session, or say {option(named[0], IGNORED)}"))
     given = {"--start": options.start_us is not None, "--from-rest": options.from_rest, "--every": options.every != 1}

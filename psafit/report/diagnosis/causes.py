@@ -110,7 +110,7 @@ def model_rows(result: Diagnosis) -> list[list[Any]]:
                 f"{words.share(c.probability)} ({words.share(e.share)})",
                 "–" if e.prior_odds is None else words.signed(e.prior_odds),
                 over,
-                words.signed(_by_others(e, nothing)),
+                words.signed(_by_sharing(e, nothing)),
                 words.signed(e.gain),
                 f"{words.signed(width['half'])} / {words.signed(width['twice'])}" if width and c.terms else "–",
                 strange,
@@ -128,7 +128,7 @@ def model_rows(result: Diagnosis) -> list[list[Any]]:
     return rows
 
 
-def _by_others(e: Evidence, nothing: Evidence | None) -> float:
+def _by_sharing(e: Evidence, nothing: Evidence | None) -> float:
     """What a set's log odds against no cause have from other sets, by causes that do not show, and by errors."""
     if nothing is None or e.prior_odds is None or not min(e.share, nothing.share) > 0:
         return math.nan
