@@ -19,6 +19,7 @@ from psafit.errors import InputError
 from psafit.text import count, series
 
 if TYPE_CHECKING:
+    from psafit.experiment import GroupId
     from psafit.experiment.importing import Imported, Mapping, Table
     from psafit.experiment.importing.quantities import Volts
     from psafit.experiment.importing.records import Held
@@ -164,15 +165,16 @@ def _on_rig(tables: Sequence[Table], constants: dict[str, float], rig: Path | No
     return Imported(tuple(tables), known | constants, plan.limits, plan.beliefs, plan.rig, plan.readable)
 
 
-def _session(text: str) -> str:
-    """The name of a session that ``--session`` gives, empty where a table has none."""
+def _session(text: str) -> GroupId | None:
+    """The session that ``--session`` gives a table, None where that is blank."""
     from psafit.experiment.importing.values import session_of
     from psafit.experiment.text import shown
 
-    name = text.strip()
-    if name and session_of(name) is None:
+    if not (name := text.strip()):
+        return None
+    if (session := session_of(name)) is None:
         raise InputError(f"--session: {shown(name)} is no name of a session", "write letters or digits: mon,mon,tue")
-    return name
+    return session
 
 
 def _mappings(text: str) -> list[Mapping]:
@@ -348,8 +350,8 @@ def _next(imported: Imported, out: Path) -> None:
     if len(groups) > 1 and not any(g.session for g in groups):
         click.echo(
             "each group counts as a session of its own, as if the rig had been set up anew for it; below groups of one"
-            f' session write session = "NAME" in {shown_path(out / DEFINITION)}, or say --session mon,mon,tue of the'
-            " tables in their order, or --column LABEL=session"
+            f' session write session = "NAME" in {shown_path(out / DEFINITION)}, or say --session mon,mon,tue,'
+            " a name for each table, or --column LABEL=session"
         )
     then = f"psafit check {place}"
     if imported.missing:

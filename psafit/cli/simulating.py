@@ -24,7 +24,7 @@ from psafit.cli.common import (
     write_result,
 )
 from psafit.errors import LARGEST_SEED, InputError
-from psafit.text import set_name
+from psafit.text import set_name, with_unit
 
 if TYPE_CHECKING:
     from psafit.arrays import FloatArray
@@ -454,7 +454,7 @@ def completed(
             raise InputError(f"no value for {name}", f"add --set {name}=VALUE ({parameter.unit}) or --run RUN")
         low, high = parameter.bounds.lower, parameter.bounds.upper
         if not low <= value <= high:
-            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-            raise InputError(f"{name} = {value:g}{unit} is impossible", f"choose between {low:g} and {high:g}{unit}")
+            given_one, most = (with_unit(f"{x:g}", parameter.unit) for x in (value, high))
+            raise InputError(f"{name} = {given_one} is impossible", f"choose between {low:g} and {most}")
         theta[name] = value
     return theta

@@ -269,8 +269,6 @@ class Problem:
     def theta(self, u: FloatArray, occasions: Occasions, rng: np.random.Generator | None = None) -> FloatArray:
         """Physical values of `u` in the columns that the simulator takes for a design of `occasions`; see `predict`."""
         x = self.to_physical(u)
-        if not any(term.latent for term in self.terms):
-            return x[:, : self.n_physical]
         n = len(baseline.PARAMETERS)
         blocks, first, latent = [x[:, :n]], n, self.n_physical
         for term in self.terms:

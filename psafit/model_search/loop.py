@@ -248,7 +248,7 @@ class _Known(Generic[Content]):
         wanted = zip(near, self.wanted(near, highest), strict=True)
         return [model for model, sets in wanted if not self.models.keys() >= {*sets}]
 
-    def likely(self) -> list[str]:
+    def worth_pairing(self) -> list[str]:
         """Causes that show by themselves, or are more probable than not before any reading: they may show together."""
         none = self.log_prior(())
         alone = (m for m in self.models.values() if len(m.ids) == 1)
@@ -389,7 +389,7 @@ def search(
         sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
         whole = known.complete(best_model, highest)
         small = len(best_model.ids) == 2 or (len(best_model.ids) == 1 and whole)
-        if sure and small and (pairs := known.pairs(known.likely())) and not passes(best_model):
+        if sure and small and (pairs := known.pairs(known.worth_pairing())) and not passes(best_model):
             known.carry_up(pairs)
             continue
         if sure and not whole:

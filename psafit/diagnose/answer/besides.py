@@ -280,14 +280,13 @@ class Room(Statement):
     def say(self, words: Words) -> str:
         where = _place(self.place, words) if self.place else ""
         causes = count(self.of, "other cause" if self.adopted else "cause")
-        bounded = words.put("All {} could be bounded" if self.of > 1 else "{} could be bounded", causes)
-        if self.unbounded:
+        if not self.unbounded:
+            bounded = words.put("All {} could be bounded" if self.of > 1 else "{} could be bounded", causes)
+        else:
             free = words.put("{} could not", words.listed(map(words.cause, self.unbounded)))
-            few = len(self.unbounded) <= self.few
-            bounded = words.put(
-                "Of {}, {} could be bounded; {}", causes, self.of - len(self.unbounded),
-                free if few else "of the others no limit could be computed",
-            )  # fmt: skip
+            if len(self.unbounded) > self.few:
+                free = "of the others no limit could be computed"
+            bounded = words.put("Of {}, {} could be bounded; {}", causes, self.of - len(self.unbounded), free)
         return words.put(
             "The most that these readings leave to a further cause: {} changes a reading{} by up to {} (95 % limit),"
             " added to {} and refitted. {}.",

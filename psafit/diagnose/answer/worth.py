@@ -130,8 +130,7 @@ class Next(Statement):
         if self.found.recommended:
             how = "Next, measure {}: it {}" if equal else "Next, measure {}: it best {}"
         others = f"; {count(equal, 'other proposal')} may do as well." if equal else "."
-        rest = " It separates the two likeliest sets."
-        rest += " Without --quick, which takes many times as long, up to four are compared."
-        return words.put(
-            how + others + (rest if self.more else ""), words.number(first.text), self.found.promise(first, words)
-        )
+        if self.more:
+            others += " It separates the two likeliest sets."
+            others += " Without --quick, which takes many times as long, up to four are compared."
+        return words.put(how + others, words.number(first.text), self.found.promise(first, words))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
+from typing import TypeVar
 
 from psafit.drives import TABLE, WAVEFORMS, Drive
 from psafit.errors import InputError
@@ -17,6 +18,7 @@ from psafit.experiment.text import shown
 IGNORED = "ignore"
 GROUPS, SESSIONS = LABELS = "group", "session"
 
+_T = TypeVar("_T")
 Held = float | tuple[float | None, ...]
 """What was held, of all tables or of each; None of a table that has none, or has it in a column."""
 
@@ -62,8 +64,8 @@ class Options:
         How the volts of an amplitude that was held are counted; one, or one for each table. Empty for zero to peak.
     waveforms : tuple of str
         One for all tables, or one for each; empty where a column says it.
-    sessions : tuple of str
-        Names of the sessions: one for all tables, or one for each, empty for a table of which each group is one.
+    sessions : tuple of group ids
+        The session of all tables, or one for each; None for a table of which each group is one.
     meant : tuple of (str, str)
         What words in such a column mean, where psafit's waveform of that name is not meant: word and waveform.
     volts : {"peak", "pp", "rms"} or None
@@ -102,7 +104,7 @@ class Options:
     values: tuple[tuple[str, Held], ...] = ()
     counted: tuple[Volts, ...] = ()
     waveforms: tuple[str, ...] = ()
-    sessions: tuple[str, ...] = ()
+    sessions: tuple[GroupId | None, ...] = ()
     meant: tuple[tuple[str, str], ...] = ()
     volts: Volts | None = None
     decimal: str | None = None
@@ -147,35 +149,32 @@ class Options:
         Raises
         ------
         InputError
-            If a condition or a heading has neither one value nor one for each table.
+            If a condition, a heading or the session has neither one value nor one for each table.
         """
+        remedy = "give one, or one for each, blank where there is none"
+
+        def own_of(given: tuple[_T, ...]) -> tuple[_T, ...]:
+            return given[number : number + 1] if len(given) > 1 else given
+
         for m in self.columns:
             if m.table and m.table[1] != n_tables:
-                raise InputError(
-                    f"{m.table[1]} columns for {shown(m.heading)} and {n_tables} tables",
-                    "give one, or one for each, blank where there is none",
-                )
+                raise InputError(f"{m.table[1]} columns for {shown(m.heading)} and {n_tables} tables", remedy)
         own: list[tuple[str, float]] = []
         for name, given in self.values:
             each = given if isinstance(given, tuple) else (given,)
             if len(each) not in (1, n_tables):
-                raise InputError(
-                    f"{len(each)} values of {name} for {n_tables} tables",
-                    "give one, or one for each, blank where there is none; a comma is no decimal mark",
-                )
-            one = each[number if len(each) > 1 else 0]
-            own += [(name, one)] if one is not None else []
-        counted = self.counted[number : number + 1] if len(self.counted) > 1 else self.counted
-        waveforms = self.waveforms[number : number + 1] if len(self.waveforms) > 1 else self.waveforms
+                what = f"{len(each)} values of {name} for {n_tables} tables"
+                raise InputError(what, f"{remedy}; a comma is no decimal mark")
+            own += [(name, one) for one in own_of(each) if one is not None]
         if len(self.sessions) > 1 and len(self.sessions) != n_tables:
-            remedy = "give one, or one for each, blank where there is none"
             raise InputError(f"{len(self.sessions)} sessions for {n_tables} tables", remedy)
-        sessions = self.sessions[number : number + 1] if len(self.sessions) > 1 else self.sessions
         alone = (0, 1)  # the one table that these options are of
         said = (m for m in self.columns if m.table is None or m.table[0] == number)
         columns = tuple(replace(m, table=m.table and alone) for m in said)
-        its = replace(self, counted=counted, waveforms=waveforms, sessions=sessions)
-        return replace(its, values=tuple(own), columns=columns)
+        return replace(
+            self, values=tuple(own), columns=columns, counted=own_of(self.counted),
+            waveforms=own_of(self.waveforms), sessions=own_of(self.sessions),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

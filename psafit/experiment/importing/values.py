@@ -339,9 +339,9 @@ def _waveform(row: Row, chosen: Chosen, given: str, options: Options, faults: Ro
 
 
 def _session(row: Row, chosen: Chosen, options: Options, faults: RowFaults) -> GroupId | None:
-    """The session of a row, where a column names it, or else of its table, where that has a name."""
+    """The session of a row, where a column names it, or else of its table."""
     if not (columns := chosen.of(SESSIONS)):
-        return next((session_of(text) for text in options.sessions if text), None)
+        return next(iter(options.sessions), None)
     text = " ".join(text_of(_cell(row, c)) for c in columns)
     name = session_of(text)
     if name is None:
